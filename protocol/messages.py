@@ -1,0 +1,177 @@
+"""The messages between the world, the robots and the station.
+
+A `Sense` and an `Action` are the whole interface of a brain. On the wire their radio frames
+travel on keys of their own, before the message that counts them, so `frames` is left out of the
+encoding and `frame_count` says how many belong to it.
+"""
+
+from typing import Annotated, ClassVar
+
+from pydantic import Field
+
+from protocol.config import BROADCAST, MAX_FRAME_BYTES, PoseModel, RobotName
+from protocol.model import (
+    Float32Vector,
+    Float64Matrix,
+    Float64Vector,
+    Int8Matrix,
+    Int32Matrix,
+    Int64Vector,
+    Message,
+    Model,
+)
+
+Tick = Annotated[int, Field(ge=0, le=2**53)]
+Recipient = Annotated[str, Field(pattern=r"^(\*|[a-z][a-z0-9_-]{0,31})$")]
+FrameKind = Annotated[str, Field(pattern=r"^[a-z][a-z0-9-]{0,15}$")]
+
+
+class RadioFrame(Message):
+    """What one robot hands to its radio: at most `MAX_FRAME_BYTES` of payload."""
+
+    SCHEMA: ClassVar[str] = "radio-frame"
+
+    to: Recipient = BROADCAST
+    kind: FrameKind
+    payload: Annotated[bytes, Field(max_length=MAX_FRAME_BYTES)]
+
+
+class HeardFrame(Message):
+    """A frame that passed the gate."""
+
+    SCHEMA: ClassVar[str] = "heard-frame"
+
+    sender: RobotName
+    sent_tick: Tick
+    to: Recipient
+    kind: FrameKind
+    payload: Annotated[bytes, Field(max_length=MAX_FRAME_BYTES)]
+
+
+class Sighting(Model):
+    """A teammate in line of sight: range (m) and bearing (rad) to its centre, robot frame."""
+
+    robot: RobotName
+    range_m: float = Field(ge=0.0)
+    bearing_rad: float
+
+
+class Sense(Message):
+    """What a robot perceives at one tick.
+
+    `encoders` count cumulatively (left, right for a differential drive), so that a lost sense
+    loses no motion. `ranges` is one scan in metres, +inf where nothing was hit, NaN nowhere, or
+    none when no scan is due. `stamp` is simulated time in seconds; gaps are legal.
+    """
+
+    SCHEMA: ClassVar[str] = "sense"
+
+    tick: Tick
+    stamp: float
+    encoders: tuple[int, ...]
+    ranges: Float32Vector | None = None
+    sightings: tuple[Sighting, ...] = ()
+    frame_count: int = Field(0, ge=0)
+    frames: tuple[HeardFrame, ...] = Field((), exclude=True)
+
+
+class DriveCommand(Model):
+    """Body velocity: forward and to the left (m/s; the latter 0 on a differential drive), turn
+    rate (rad/s, counter-clockwise). The drive clips it to what the body can do."""
+
+    forward_mps: float = 0.0
+    left_mps: float = 0.0
+    turn_rps: float = 0.0
+
+
+STOP = DriveCommand()
+
+
+class Action(Message):
+    """A robot's answer to the sense of the same tick."""
+
+    SCHEMA: ClassVar[str] = "action"
+
+    tick: Tick
+    drive: DriveCommand = STOP
+    finished: bool = False
+    frame_count: int = Field(0, ge=0)
+    frames: tuple[RadioFrame, ...] = Field((), exclude=True)
+
+
+class GridPatch(Model):
+    """A rectangle of an occupancy grid: −1 unknown, 0…100 occupied in percent.
+
+    Row 0 is the lowest y; `origin` is the pose of the lower left corner of cell (0, 0) in the
+    robot's map frame.
+    """
+
+    resolution_m: float = Field(gt=0.0)
+    origin_x_m: float
+    origin_y_m: float
+    cells: Int8Matrix
+
+
+class TeammateView(Model):
+    """What a robot knows of one teammate."""
+
+    robot: RobotName
+    in_range: bool
+    last_heard_tick: int = Field(ge=-1)
+    entries: int = Field(ge=0, description="journal entries of that robot held here")
+    pose: PoseModel | None = None
+
+
+class Report(Message):
+    """What the operator may see of a robot, each second or so."""
+
+    SCHEMA: ClassVar[str] = "report"
+
+    tick: Tick
+    pose: PoseModel
+    covariance: Float64Matrix
+    activity: str = Field(max_length=200, description="one line: what the robot is doing and why")
+    goal: PoseModel | None = None
+    path: Float64Matrix
+    known_m2: float = Field(ge=0.0, description="area of the joint map that is known")
+    frontier_m: float = Field(ge=0.0, description="length of frontier that is left")
+    finished: bool
+    team: tuple[TeammateView, ...]
+    loop_closures: int = Field(ge=0)
+    journal_entries: int = Field(ge=0)
+    malformed: int = Field(0, ge=0, description="messages counted and dropped")
+
+
+class MapReply(Message):
+    """Answer of `robot/<name>/map`: from the robot's own scans alone, and the joint map."""
+
+    SCHEMA: ClassVar[str] = "map-reply"
+
+    own: GridPatch
+    joint: GridPatch
+
+
+class TrajectoryReply(Message):
+    """Answer of `robot/<name>/trajectory`: poses n×3 (x, y, θ) in the robot's map frame.
+
+    `online` is each estimate as it was at its own tick, `final` the same ticks as optimised now.
+    `nodes` (m×3) and `edges` are the pose graph: `edge_nodes` k×2, and `edge_values` k×9 with
+    the measured (x, y, θ) and I11 I12 I13 I22 I23 I33. The counts are of radio frames and bytes,
+    to be held against the world's ledger.
+    """
+
+    SCHEMA: ClassVar[str] = "trajectory-reply"
+
+    ticks: Int64Vector
+    stamps: Float64Vector
+    online: Float64Matrix
+    final: Float64Matrix
+    dead_reckoned: Float64Matrix
+    nodes: Float64Matrix
+    edge_nodes: Int32Matrix
+    edge_values: Float64Matrix
+    journal_digest: str
+    frames_sent: int = Field(ge=0)
+    bytes_sent: int = Field(ge=0)
+    frames_heard: int = Field(ge=0)
+    bytes_heard: int = Field(ge=0)

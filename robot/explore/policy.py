@@ -1,0 +1,61 @@
+"""The interface of every exploration policy.
+
+A policy is asked now and then, as a job, where to go: `plan` is a pure function of a snapshot.
+A new policy is one file with a class that has `plan`; `robot.explore.policies` finds it by name,
+or by `path/to/file.py:ClassName`.
+"""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+from maps.grid import OccupancyGrid
+from protocol.config import BodyConfig
+from protocol.pose import FloatArray, Pose2
+
+
+@dataclass(frozen=True, slots=True)
+class Teammate:
+    """A teammate as last heard or seen, in this robot's map frame."""
+
+    name: str
+    pose: Pose2
+    goal: Pose2 | None
+    age_ticks: int
+    in_range: bool
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """What a policy may look at: a snapshot, all in the robot's map frame.
+
+    `grid` is the joint map. `refused` (n×2) are goals that could not be reached lately.
+    """
+
+    name: str
+    tick: int
+    grid: OccupancyGrid
+    pose: Pose2
+    body: BodyConfig
+    teammates: tuple[Teammate, ...]
+    refused: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """Where to go and how: `path` (n×2, m) from the robot to the goal, clear for its body.
+
+    `goal` is None and `path` empty when there is nowhere to go; `exhausted` then says whether
+    that is because nothing reachable is left to explore (and not because the way is blocked
+    for the moment). `frontier_m` is the length of frontier still in view of the planner.
+    """
+
+    goal: Pose2 | None
+    path: FloatArray
+    reason: str
+    exhausted: bool
+    frontier_m: float
+
+
+class Policy(Protocol):
+    def plan(self, view: View) -> Plan:
+        """Choose a goal and a path to it. Pure: no state, no clock, no random numbers."""

@@ -1,0 +1,54 @@
+"""What a run tells whoever watches it, and what is left of it at its end.
+
+All ways to run (inline, in memory, processes) drive the same `Observer`, so that live table,
+live picture and report know nothing of how the robots are hosted.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from protocol.messages import MapReply, Report, TrajectoryReply
+from world.simulation import Simulation
+
+
+@dataclass(frozen=True, slots=True)
+class RobotOutcome:
+    """What one robot answered at the end. A robot that died answers nothing: both are None."""
+
+    map: MapReply | None
+    trajectory: TrajectoryReply | None
+    peak_rss_mb: float | None
+    """Of its process; None where it had none of its own."""
+    note: str = ""
+    """What became of it, where that is not the ordinary: killed, stalled, timed out."""
+
+
+@dataclass(frozen=True, slots=True)
+class RunOutcome:
+    """A finished run. `simulation` still holds scenario, terrain, true history and ledger."""
+
+    simulation: Simulation
+    exit_reason: str
+    wall_s: float
+    mode: str
+    robots: Mapping[str, RobotOutcome]
+    world_peak_rss_mb: float
+    reports: Mapping[str, list[Report]] = field(default_factory=dict)
+    """All reports by robot, in the order of ticks."""
+
+
+class Observer(Protocol):
+    """Watches a run. Must be quick: in lockstep the world waits for it."""
+
+    def started(self, simulation: Simulation) -> None:
+        """Once, before tick 0."""
+
+    def ticked(self, simulation: Simulation, reports: Mapping[str, Report]) -> None:
+        """After every tick, with the latest report of each robot."""
+
+    def mapped(self, robot: str, reply: MapReply) -> None:
+        """Now and then, when a robot answered with its present map."""
+
+    def ended(self, outcome: RunOutcome) -> None:
+        """Once, after the robots answered for the last time."""

@@ -1,0 +1,6 @@
+"""Trial runner, experiments and benchmarks."""
+
+import protocol as _protocol  # fixes the process environment before numpy comes in
+
+__all__: list[str] = []
+del _protocol

@@ -1,0 +1,77 @@
+"""A scenario: everything that decides a run. The same scenario gives the same run."""
+
+from typing import Literal
+
+from pydantic import Field, model_validator
+
+from protocol.config import (
+    BodyConfig,
+    LidarConfig,
+    PoseModel,
+    RadioConfig,
+    RobotName,
+    SightingConfig,
+)
+from protocol.model import Model
+
+
+class RobotSpec(Model):
+    """One robot of the team; without a start, the seed draws one."""
+
+    name: RobotName
+    start: PoseModel | None = None
+    engine: str = "graph"
+    policy: str = "frontier"
+
+
+class GateConfig(RadioConfig):
+    """The radio as the world plays it."""
+
+    model: Literal["disc"] = "disc"
+    loss: float = Field(0.0, ge=0.0, le=1.0, description="probability that a frame is lost")
+    latency_ticks: int = Field(1, ge=1, le=10_000, description="ticks from sending to hearing")
+
+
+class PaceConfig(Model):
+    """Lockstep: the world waits for every action. Real time: nobody waits."""
+
+    mode: Literal["lockstep", "realtime"] = "lockstep"
+    factor: float = Field(1.0, gt=0.0, le=1000.0, description="simulated per wall second")
+    deadline_s: float = Field(5.0, gt=0.0, description="wall time until a robot counts as stalled")
+    dead_man_s: float = Field(
+        0.5, gt=0.0, description="age at which a drive command stops counting"
+    )
+    roster_s: float = Field(60.0, gt=0.0, description="wall time to wait for all robots at tick 0")
+
+
+class Scenario(Model):
+    """A run in full. `map` is the name of a shipped map or the path of a map_server YAML file."""
+
+    map: str = "office"
+    seed: int = Field(0, ge=0, le=2**63 - 1)
+    robots: tuple[RobotSpec, ...] = (
+        RobotSpec(name="r1"),
+        RobotSpec(name="r2"),
+        RobotSpec(name="r3"),
+    )
+    starts: Literal["known"] = "known"
+    tick_s: float = Field(0.1, gt=0.0, le=10.0)
+    max_sim_s: float = Field(1800.0, gt=0.0, description="simulated time after which a run ends")
+    body: BodyConfig = BodyConfig()
+    lidar: LidarConfig = LidarConfig()
+    sightings: SightingConfig = SightingConfig()
+    radio: GateConfig = GateConfig()
+    pace: PaceConfig = PaceConfig()
+
+    @model_validator(mode="after")
+    def _names_differ(self) -> "Scenario":
+        names = [robot.name for robot in self.robots]
+        if not names:
+            raise ValueError("a scenario needs at least one robot")
+        if len(set(names)) != len(names):
+            raise ValueError(f"two robots have the same name: {', '.join(names)}")
+        return self
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        return tuple(robot.name for robot in self.robots)
