@@ -21,6 +21,10 @@ from protocol.model import (
     Model,
 )
 
+# Sender, recipient, kind and tick as a radio would pack them. One number for every frame, so that
+# both ends count the same bytes without encoding the frame again.
+FRAME_HEADER_BYTES = 24
+
 Tick = Annotated[int, Field(ge=0, le=2**53)]
 Recipient = Annotated[str, Field(pattern=r"^(\*|[a-z][a-z0-9_-]{0,31})$")]
 FrameKind = Annotated[str, Field(pattern=r"^[a-z][a-z0-9-]{0,15}$")]
@@ -35,6 +39,11 @@ class RadioFrame(Message):
     kind: FrameKind
     payload: Annotated[bytes, Field(max_length=MAX_FRAME_BYTES)]
 
+    @property
+    def size_bytes(self) -> int:
+        """What the frame takes on the air, and in every count of bytes."""
+        return FRAME_HEADER_BYTES + len(self.payload)
+
 
 class HeardFrame(Message):
     """A frame that passed the gate."""
@@ -46,6 +55,11 @@ class HeardFrame(Message):
     to: Recipient
     kind: FrameKind
     payload: Annotated[bytes, Field(max_length=MAX_FRAME_BYTES)]
+
+    @property
+    def size_bytes(self) -> int:
+        """As `RadioFrame.size_bytes` of the frame that was sent."""
+        return FRAME_HEADER_BYTES + len(self.payload)
 
 
 class Sighting(Model):
@@ -175,3 +189,25 @@ class TrajectoryReply(Message):
     bytes_sent: int = Field(ge=0)
     frames_heard: int = Field(ge=0)
     bytes_heard: int = Field(ge=0)
+
+
+class Ended(Message):
+    """The world's last word to a robot: the run is over, and why."""
+
+    SCHEMA: ClassVar[str] = "ended"
+
+    tick: Tick
+    reason: str = Field(max_length=200)
+
+
+class Truth(Message):
+    """Ground truth for the operator alone: true poses n×3 (x, y, θ) in the world frame, in the
+    order of `robots`, and which of them can hear each other (n×n, 0 or 1)."""
+
+    SCHEMA: ClassVar[str] = "truth"
+
+    tick: Tick
+    stamp: float
+    robots: tuple[RobotName, ...]
+    poses: Float64Matrix
+    links: Int8Matrix

@@ -44,7 +44,10 @@ def _array_validator(dtype: str, ndim: int) -> Any:
             if count * wanted.itemsize != len(data):
                 raise ValueError(f"{len(data)} bytes do not fill shape {tuple(shape)}")
             return np.frombuffer(data, dtype=wanted).reshape(shape)
-        array = np.asarray(value, dtype=wanted)
+        try:
+            array = np.asarray(value, dtype=wanted)
+        except (TypeError, OverflowError) as error:  # pydantic expects ValueError alone
+            raise ValueError(f"expected numbers of dtype {wanted.str}") from error
         if array.ndim != ndim:
             raise ValueError(f"expected {ndim} dimensions, got {array.ndim}")
         # Read-only exactly as after the wire, and no alias of what the sender goes on writing to.

@@ -24,10 +24,10 @@ class Job:
 class Jobs:
     """The jobs of one brain. Without an executor each runs at once, in the calling thread."""
 
-    TRANSIENT = ("_executor",)
+    TRANSIENT = ("executor",)
 
     def __init__(self, executor: Executor | None = None) -> None:
-        self._executor = executor
+        self.executor = executor
         self._jobs: list[Job] = []
 
     def start(
@@ -39,9 +39,7 @@ class Jobs:
         """
         if delay < 1:
             raise ValueError("a job lands at least one tick after it starts")
-        outcome: Any = (
-            self._executor.submit(work, *arguments) if self._executor else work(*arguments)
-        )
+        outcome: Any = self.executor.submit(work, *arguments) if self.executor else work(*arguments)
         self._jobs.append(Job(name, tick, tick + delay, outcome))
 
     def landed(self, name: str, tick: int) -> list[Any]:

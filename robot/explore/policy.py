@@ -28,7 +28,8 @@ class Teammate:
 class View:
     """What a policy may look at: a snapshot, all in the robot's map frame.
 
-    `grid` is the joint map. `refused` (n×2) are goals that could not be reached lately.
+    `grid` is the joint map. `refused` (n×2) are goals that could not be reached lately, or that
+    were reached and showed nothing new. `goal` is where the robot is heading now, if anywhere.
     """
 
     name: str
@@ -38,6 +39,7 @@ class View:
     body: BodyConfig
     teammates: tuple[Teammate, ...]
     refused: FloatArray
+    goal: Pose2 | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,7 +48,7 @@ class Plan:
 
     `goal` is None and `path` empty when there is nowhere to go; `exhausted` then says whether
     that is because nothing reachable is left to explore (and not because the way is blocked
-    for the moment). `frontier_m` is the length of frontier still in view of the planner.
+    for the moment). `frontier_m` is the length of frontier that is left and can be reached.
     """
 
     goal: Pose2 | None

@@ -40,7 +40,8 @@ class LaserScan:
 
 def beam_angles(lidar: LidarConfig) -> FloatArray:
     """The nominal direction of each beam (n), in radians."""
-    return lidar.angle_min_rad + np.arange(lidar.beams) * lidar.increment_rad
+    steps = np.arange(lidar.beams, dtype=np.float64)
+    return lidar.angle_min_rad + steps * lidar.increment_rad
 
 
 def perceive(

@@ -1,0 +1,237 @@
+"""The bus: typed messages over Zenoh, opened in one of four ways.
+
+Zenoh calls back in threads of its own. Nothing is done there but to put what came into the
+inbox of the loop that owns it; decoding, counting and answering happen in that loop. What one
+session puts is received in the order of put, across keys: a loop that reads one inbox sees the
+radio frames before the message that counts them.
+"""
+
+import logging
+import queue
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+import zenoh
+
+from protocol.bus_config import BusConfig
+from protocol.codec import decode, encode, encoding_of
+from protocol.errors import EarshotError, MalformedMessageError
+from protocol.model import Message
+from protocol.topics import Topic
+
+log = logging.getLogger(__name__)
+
+M = TypeVar("M", bound=Message)
+
+
+class BusError(EarshotError):
+    """The network could not be opened; the message names the endpoints."""
+
+
+@dataclass(frozen=True, slots=True)
+class Arrival:
+    """A message on a topic, or the answer to a question asked on it."""
+
+    topic: Topic
+    robot: str
+    message: Message
+
+
+@dataclass(frozen=True, slots=True)
+class Question:
+    """Someone asks for what a topic offers: answer once, with `reply`."""
+
+    topic: Topic
+    robot: str
+    _query: zenoh.Query
+
+    def reply(self, message: Message) -> None:
+        with self._query as query:
+            query.reply(
+                self.topic.key_for(self.robot),
+                encode(message),
+                encoding=encoding_of(type(message)),
+                express=True,
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class Presence:
+    """The owner of a topic appeared (`alive`) or is gone."""
+
+    topic: Topic
+    robot: str
+    alive: bool
+
+
+Event = Arrival | Question | Presence
+
+
+class Inbox:
+    """All that one loop listens to, in the order of arrival. Read it from one thread alone."""
+
+    def __init__(self, session: zenoh.Session) -> None:
+        self._session = session
+        self._queue: queue.SimpleQueue[tuple[Topic, str, Any] | None] = queue.SimpleQueue()
+        self._entities: list[Any] = []
+        self.malformed: Counter[tuple[str, str]] = Counter()
+        """Messages that were dropped, by topic and kind of defect."""
+
+    def subscribe(self, topic: Topic, robot: str = "") -> None:
+        """Receive the messages of a topic."""
+        key, handler = topic.key_for(robot), self._handler(topic, robot)
+        self._entities.append(self._session.declare_subscriber(key, handler))
+
+    def serve(self, topic: Topic, robot: str = "") -> None:
+        """Receive the questions on a topic; each must be answered."""
+        key, handler = topic.key_for(robot), self._handler(topic, robot)
+        self._entities.append(self._session.declare_queryable(key, handler))
+
+    def watch(self, topic: Topic, robot: str = "") -> None:
+        """Receive the presence of a topic's owner, also if it is there already."""
+        key, handler = topic.key_for(robot), self._handler(topic, robot)
+        liveliness = self._session.liveliness()
+        self._entities.append(liveliness.declare_subscriber(key, handler, history=True))
+
+    def ask(
+        self, topic: Topic, robot: str = "", timeout_s: float = 10.0, *, wake_at_end: bool = False
+    ) -> None:
+        """Ask without waiting: the answer, if there is one, arrives like any message.
+
+        With `wake_at_end` a None follows when no (further) answer will come.
+        """
+        handler = self._handler(topic, robot, self.wake if wake_at_end else None)
+        self._session.get(topic.key_for(robot), handler, timeout=timeout_s, express=True)
+
+    def wake(self) -> None:
+        """Make a waiting `get` return None; may be called anywhere, also by a signal handler."""
+        self._queue.put(None)
+
+    def get(self, timeout_s: float) -> Event | None:
+        """The next event, or None after the timeout. Malformed messages are passed over."""
+        deadline = time.monotonic() + timeout_s
+        while True:
+            try:
+                item = self._queue.get(timeout=max(0.0, deadline - time.monotonic()))
+            except queue.Empty:
+                return None
+            if item is None:
+                return None
+            event = self._read(*item)
+            if event is not None:
+                return event
+
+    def drain(self) -> Iterator[Event]:
+        """What has arrived already, without waiting."""
+        while not self._queue.empty():
+            event = self.get(0.0)
+            if event is not None:
+                yield event
+
+    def _handler(self, topic: Topic, robot: str, at_end: Callable[[], None] | None = None) -> Any:
+        put = self._queue.put
+
+        def receive(item: Any) -> None:
+            put((topic, robot, item))
+
+        # Directly in Zenoh's receiving thread: a thread per callback would lose the order.
+        return zenoh.handlers.Callback(receive, at_end, indirect=False)
+
+    def _read(self, topic: Topic, robot: str, item: Any) -> Event | None:
+        if isinstance(item, zenoh.Query):
+            return Question(topic, robot, item)
+        sample = item.ok if isinstance(item, zenoh.Reply) else item
+        if sample is None:
+            return None
+        if topic.schema is None:
+            return Presence(topic, robot, sample.kind == zenoh.SampleKind.PUT)
+        try:
+            message = decode(topic.schema, sample.payload.to_bytes(), str(sample.encoding))
+        except MalformedMessageError as error:
+            self._drop(topic, robot, error)
+            return None
+        return Arrival(topic, robot, message)
+
+    def _drop(self, topic: Topic, robot: str, error: MalformedMessageError) -> None:
+        self.malformed[topic.name, error.kind] += 1
+        if self.malformed[topic.name, error.kind] == 1:
+            log.warning("%s of %s: %s; dropped and counted", topic.name, robot or "world", error)
+
+
+class Bus:
+    """One Zenoh session; made by `open_bus` alone, which also closes it."""
+
+    def __init__(self, session: zenoh.Session) -> None:
+        self._session = session
+        self._tokens: dict[str, zenoh.LivelinessToken] = {}
+        self._publishers: dict[str, zenoh.Publisher] = {}
+
+    def inbox(self) -> Inbox:
+        """An empty inbox; subscribe it to what its loop needs."""
+        return Inbox(self._session)
+
+    def publish(self, topic: Topic, message: Message, robot: str = "") -> None:
+        """Send a message on a topic."""
+        self._publisher(topic, robot).put(encode(message))
+
+    def is_heard(self, topic: Topic, robot: str = "") -> bool:
+        """Whether anyone listens to a topic now."""
+        status: Any = self._publisher(topic, robot).matching_status
+        return bool(status.matching)
+
+    def declare_alive(self, topic: Topic, robot: str = "") -> None:
+        """Announce presence until the bus is closed, the process ends or the link is lost."""
+        key = topic.key_for(robot)
+        self._tokens[key] = self._session.liveliness().declare_token(key)
+
+    def withdraw(self, topic: Topic, robot: str = "") -> None:
+        """Take an announced presence back."""
+        token = self._tokens.pop(topic.key_for(robot), None)
+        if token is not None:
+            token.undeclare()  # type: ignore[no-untyped-call]  # zenoh leaves the result open
+
+    def query(
+        self, topic: Topic, schema: type[M], robot: str = "", timeout_s: float = 5.0
+    ) -> M | None:
+        """Ask on a topic and wait for the first answer; None if there is none in time."""
+        inbox = self.inbox()
+        inbox.ask(topic, robot, timeout_s, wake_at_end=True)
+        event = inbox.get(timeout_s)
+        if isinstance(event, Arrival) and isinstance(event.message, schema):
+            return event.message
+        return None
+
+    def _publisher(self, topic: Topic, robot: str) -> zenoh.Publisher:
+        key = topic.key_for(robot)
+        publisher = self._publishers.get(key)
+        if publisher is None:
+            if topic.schema is None:
+                raise ValueError(f"topic {topic.name} carries no messages")
+            control = zenoh.CongestionControl
+            publisher = self._session.declare_publisher(
+                key,
+                encoding=encoding_of(topic.schema),
+                congestion_control=control.BLOCK if topic.reliable else control.DROP,
+                express=True,
+            )
+            self._publishers[key] = publisher
+        return publisher
+
+
+@contextmanager
+def open_bus(config: BusConfig) -> Iterator[Bus]:
+    """Open a session for the time of a `with` block.
+
+    Only so: a session that is left open with a subscriber keeps the interpreter from ending.
+    Raises BusError when an endpoint cannot be bound or reached in time.
+    """
+    try:
+        session = zenoh.open(config.to_zenoh())
+    except zenoh.ZError as error:
+        raise BusError(f"{config.summary()}: {error}") from error
+    with session:
+        yield Bus(session)

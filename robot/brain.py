@@ -1,0 +1,281 @@
+"""One robot's mind: from what it senses at a tick to what it does, and nothing outside of that.
+
+A brain has no clock, no socket and no file, and draws no random numbers: the same senses give
+the same actions to the last bit, wherever it runs.
+"""
+
+import math
+
+import numpy as np
+
+from maps.grid import OccupancyGrid
+from protocol.config import PoseModel, RobotConfig
+from protocol.messages import (
+    Action,
+    GridPatch,
+    MapReply,
+    RadioFrame,
+    Report,
+    Sense,
+    TeammateView,
+    TrajectoryReply,
+)
+from protocol.pose import IDENTITY, Pose2
+from protocol.state import adopt_state, dump_state
+from robot.explore.explorer import Decision, Explorer
+from robot.explore.policy import Teammate
+from robot.jobs import Jobs
+from robot.mapping.keyframe_map import KeyframeMap, draw_exactly
+from robot.mapping.occupancy import OccupancyMap
+from robot.perception.odometry import Motion, WheelOdometry
+from robot.perception.scan import LaserScan, perceive
+from robot.slam.engine import Estimate
+from robot.slam.engines import make_engine
+from robot.slam.trajectory import RelativeTrajectory
+from robot.team.joint import Solution, anchor_pose, solve
+from robot.team.team import LiveState, Team
+
+FOLLOW_EVERY_TICKS = 10
+DRAWN_PER_TICK = 8
+FRESH_TICKS = 50  # a beacon older than this says nothing of where a teammate is
+
+
+class Brain:
+    """Perceive, localise and map, hear the team, decide where to go, drive."""
+
+    def __init__(self, config: RobotConfig, incarnation: int = 0, jobs: Jobs | None = None) -> None:
+        self.config = config
+        self._jobs = jobs or Jobs()
+        self._odometry = WheelOdometry(config.body)
+        self._start = config.start.to_pose() if config.start else IDENTITY
+        self._engine = make_engine(
+            config.engine, config.lidar, config.body, self._start, self._jobs
+        )
+        self._team = Team(config, incarnation, self._jobs)
+        self._own_map = KeyframeMap(config.lidar)
+        self._joint_map = KeyframeMap(config.lidar)
+        self._explorer = Explorer(config, self._jobs)
+        self._ticks: list[int] = []
+        self._stamps: list[float] = []
+        self._online = RelativeTrajectory()
+        self._dead_reckoned = RelativeTrajectory()
+        self._estimate = Estimate(self._start, np.zeros((3, 3)))
+        self._decision: Decision | None = None
+        self._sightings: dict[str, tuple[int, Pose2]] = {}
+        self._counts = {"frames_sent": 0, "bytes_sent": 0, "frames_heard": 0, "bytes_heard": 0}
+
+    # -- the step
+
+    def step(self, sense: Sense) -> Action:
+        """The action that answers a sense."""
+        motion, scan = self._perceive(sense)
+        self._localise(sense, motion, scan)
+        self._hear(sense)
+        self._update_maps(sense.tick)
+        decision = self._decide(sense, motion, scan)
+        frames = self._speak(sense.tick, decision)
+        return Action(
+            tick=sense.tick,
+            drive=decision.drive,
+            finished=decision.finished,
+            frame_count=len(frames),
+            frames=frames,
+        )
+
+    def _perceive(self, sense: Sense) -> tuple[Motion, LaserScan | None]:
+        motion = self._odometry.step(sense.encoders)
+        if sense.ranges is None:
+            return motion, None
+        body, lidar = self.config.body, self.config.lidar
+        return motion, perceive(sense.ranges, lidar, sense.sightings, body.radius_m)
+
+    def _localise(self, sense: Sense, motion: Motion, scan: LaserScan | None) -> None:
+        self._estimate = self._engine.step(sense.tick, motion, scan)
+        self._team.write(self._engine.take_entries())
+        self._ticks.append(sense.tick)
+        self._stamps.append(sense.stamp)
+        self._online.append(0, self._estimate.pose)
+        self._dead_reckoned.append(0, self._odometry.pose)
+
+    def _hear(self, sense: Sense) -> None:
+        for frame in sense.frames:
+            self._counts["frames_heard"] += 1
+            self._counts["bytes_heard"] += frame.size_bytes
+        self._team.hear(sense.tick, sense.frames)
+        for sighting in sense.sightings:
+            x = sighting.range_m * math.cos(sighting.bearing_rad)
+            y = sighting.range_m * math.sin(sighting.bearing_rad)
+            self._sightings[sighting.robot] = (sense.tick, Pose2(x, y, 0.0))
+
+    def _update_maps(self, tick: int) -> None:
+        solved = self._team.solve(tick)
+        if solved or tick % FOLLOW_EVERY_TICKS == 0:
+            self._own_map.follow(self._team.graph, self._own_anchors())
+            self._joint_map.follow(self._team.graph, self._team.solution)
+        self._own_map.draw(self._team.graph, DRAWN_PER_TICK)
+        self._joint_map.draw(self._team.graph, DRAWN_PER_TICK)
+
+    def _decide(self, sense: Sense, motion: Motion, scan: LaserScan | None) -> Decision:
+        pose = self._pose_in_team()
+        snapshot = _MapSnapshot(self._joint_map.map, pose, scan)
+        self._decision = self._explorer.step(
+            sense.tick, pose, motion, scan, snapshot, self._teammates(sense.tick, pose)
+        )
+        return self._decision
+
+    def _speak(self, tick: int, decision: Decision) -> tuple[RadioFrame, ...]:
+        anchor, T_anchor_base = self._anchored()
+        T_team_base = self._pose_in_team()
+        goal = decision.goal
+        T_base_goal = None if goal is None else T_team_base.inverse() @ goal
+        live = LiveState(
+            anchor,
+            T_anchor_base,
+            self._estimate.covariance,
+            None if T_base_goal is None else T_anchor_base @ T_base_goal,
+            decision.finished,
+        )
+        frames = tuple(self._team.speak(tick, live))
+        self._counts["frames_sent"] += len(frames)
+        self._counts["bytes_sent"] += sum(frame.size_bytes for frame in frames)
+        return frames
+
+    # -- where things are
+
+    def _own_anchors(self) -> Solution:
+        return {self._team.own_log: self._engine.graph().nodes}
+
+    def _anchored(self) -> tuple[int, Pose2]:
+        """The newest anchor in the journal, and the robot's pose relative to it."""
+        nodes = self._engine.graph().nodes
+        log = self._team.graph.log(self._team.own_log)
+        index = min(len(log.anchors) if log else 0, len(nodes)) - 1
+        return index, Pose2.from_array(nodes[index]).inverse() @ self._estimate.pose
+
+    def _pose_in_team(self) -> Pose2:
+        """The robot's pose in the frame of the joint map."""
+        index, T_anchor_base = self._anchored()
+        own = self._team.own_log
+        anchor = anchor_pose(self._team.graph.log(own), self._team.solution.get(own), index)
+        return self._estimate.pose if anchor is None else anchor @ T_anchor_base
+
+    def _teammates(self, tick: int, pose: Pose2) -> tuple[Teammate, ...]:
+        """Teammates as last seen, or else as they last said of themselves."""
+        in_range = self._team.gossip.in_range(tick)
+        found = []
+        for name in self.config.team:
+            known = self._team.teammate_pose(name)
+            heard = self._team.heard.get(name)
+            seen_tick, T_base_mate = self._sightings.get(name, (-1, IDENTITY))
+            if tick == seen_tick:
+                where, age = pose @ T_base_mate, 0
+            elif known and heard and tick - heard.tick <= FRESH_TICKS:
+                where, age = known[0], tick - heard.tick
+            else:
+                continue
+            goal = known[1] if known else None
+            found.append(Teammate(name, where, goal, age, name in in_range))
+        return tuple(found)
+
+    # -- what it tells
+
+    def take_records(self) -> list[bytes]:
+        """Journal entries to make durable before any frame that carries them leaves."""
+        return self._team.take_records()
+
+    def report(self) -> Report:
+        """What the operator may see."""
+        tick = self._ticks[-1] if self._ticks else 0
+        decision, team = self._decision, self._team
+        goal = decision.goal if decision else None
+        return Report(
+            tick=tick,
+            pose=PoseModel.of(self._pose_in_team()),
+            covariance=self._estimate.covariance,
+            activity=decision.activity if decision else "waiting for the first sense",
+            goal=None if goal is None else PoseModel.of(goal),
+            path=decision.path if decision else np.zeros((0, 2)),
+            known_m2=self._joint_map.map.known_area(),
+            frontier_m=decision.frontier_m if decision else 0.0,
+            finished=decision.finished if decision else False,
+            team=tuple(self._view_of(name, tick) for name in self.config.team),
+            loop_closures=self._engine.loop_closures,
+            journal_entries=len(team.journal),
+            malformed=sum(team.malformed.values()),
+        )
+
+    def _view_of(self, name: str, tick: int) -> TeammateView:
+        known = self._team.teammate_pose(name)
+        heard = self._team.heard.get(name)
+        return TeammateView(
+            robot=name,
+            in_range=name in self._team.gossip.in_range(tick),
+            last_heard_tick=heard.tick if heard else -1,
+            entries=self._team.journal.count_of(name),
+            pose=PoseModel.of(known[0]) if known else None,
+        )
+
+    def map_reply(self, exact: bool = False) -> MapReply:
+        """The present maps. Exact ones are drawn anew, from the journal alone: robots with equal
+        journals then answer with equal joint maps; the others follow a second behind."""
+        if not exact:
+            own, joint = self._own_map.map, self._joint_map.map
+        else:
+            graph, lidar = self._team.graph, self.config.lidar
+            own = draw_exactly(graph, self._own_anchors(), lidar)
+            joint = draw_exactly(graph, solve(graph.problem()), lidar)
+        return MapReply(own=_patch(own.grid()), joint=_patch(joint.grid()))
+
+    def trajectory_reply(self) -> TrajectoryReply:
+        """The trajectory so far, the pose graph, and the counts to hold against the ledger."""
+        graph = self._engine.graph()
+        start = self._start.to_array()[None, :]
+        upper = graph.information[:, [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]
+        return TrajectoryReply(
+            ticks=np.array(self._ticks, dtype=np.int64),
+            stamps=np.array(self._stamps),
+            online=self._online.poses(IDENTITY.to_array()[None, :]),
+            final=self._engine.trajectory(),
+            dead_reckoned=self._dead_reckoned.poses(start),
+            nodes=graph.nodes,
+            edge_nodes=graph.edge_nodes,
+            edge_values=np.concatenate([graph.measurements, upper], axis=1),
+            journal_digest=self._team.journal.digest(),
+            **self._counts,
+        )
+
+    # -- checkpoints
+
+    def state(self) -> bytes:
+        """A checkpoint from which `restore` carries on as if nothing had happened."""
+        self._jobs.settle()
+        return dump_state(self)
+
+    def restore(self, checkpoint: bytes) -> None:
+        """Take over the state of a brain of the same configuration."""
+        executor = self._jobs.executor
+        adopt_state(self, checkpoint)
+        self._jobs.executor = executor
+
+
+class _MapSnapshot:
+    """The joint map with the present scan on it, made only when a planner asks for it."""
+
+    def __init__(self, drawn: OccupancyMap, pose: Pose2, scan: LaserScan | None) -> None:
+        self._drawn, self._pose, self._scan = drawn, pose, scan
+
+    def snapshot(self) -> OccupancyGrid:
+        if self._scan is None:
+            return self._drawn.grid()
+        return self._drawn.live(
+            self._pose, self._scan.ranges, self._scan.angles, self._scan.max_range_m
+        )
+
+
+def _patch(grid: OccupancyGrid) -> GridPatch:
+    return GridPatch(
+        resolution_m=grid.resolution,
+        origin_x_m=grid.origin_x,
+        origin_y_m=grid.origin_y,
+        cells=grid.cells,
+    )

@@ -1,0 +1,71 @@
+"""The nearest frontier by travel, left to a teammate that is on its way there and nearer."""
+
+import math
+
+from protocol.pose import Pose2
+from robot.explore.frontier import Frontier, find_frontiers
+from robot.explore.planner import NO_PATH, Terrain, path_to, survey, travel_field
+from robot.explore.policy import Plan, Teammate, View
+
+CLAIM_RADIUS_M = 2.0
+KEEP_GOAL_M = 1.0  # another frontier must be this much nearer before the robot turns round
+BEHIND_M = 0.5  # what turning round costs, as a distance
+FRESH_TICKS = 50
+
+
+class NearestFrontier:
+    """Yamauchi's exploration with the simplest coordination that keeps robots apart."""
+
+    def plan(self, view: View) -> Plan:
+        """See `robot.explore.policy.Policy`."""
+        terrain = survey(view.grid, view.body)
+        near = tuple(mate.pose for mate in view.teammates if mate.age_ticks <= FRESH_TICKS)
+        field = travel_field(terrain, view.pose, near)
+        if field is None:
+            return Plan(None, NO_PATH, "waiting for a first map", False, 0.0)
+        frontiers = find_frontiers(terrain, field, view.refused)
+        left = sum(frontier.length_m for frontier in frontiers)
+        if not frontiers:
+            return Plan(None, NO_PATH, "nothing reachable is left", True, 0.0)
+        claimed = [
+            any(_claims(mate, frontier, view) for mate in view.teammates) for frontier in frontiers
+        ]
+        # When all are claimed, going along beats standing about: the way may fork ahead.
+        free = [f for f, taken in zip(frontiers, claimed, strict=True) if not taken] or frontiers
+        chosen = min(free, key=lambda frontier: _price(frontier, terrain, view))
+        path = path_to(terrain, field, chosen.row, chosen.column)
+        goal = _goal(terrain, chosen)
+        reason = f"nearest frontier {chosen.travel_m:.1f} m away"
+        if chosen is not frontiers[0] and claimed[0]:
+            reason += ", a nearer one is a teammate's"
+        return Plan(goal, path, reason, False, left)
+
+
+def _price(frontier: Frontier, terrain: Terrain, view: View) -> float:
+    """Travel, less for the frontier the robot is heading for, more for one behind it."""
+    goal = _goal(terrain, frontier)
+    price = frontier.travel_m
+    if view.goal is not None and goal.distance_to(view.goal) <= CLAIM_RADIUS_M:
+        price -= KEEP_GOAL_M
+    bearing = math.atan2(goal.y - view.pose.y, goal.x - view.pose.x) - view.pose.theta
+    return price + BEHIND_M * 0.5 * (1.0 - math.cos(bearing))
+
+
+def _claims(mate: Teammate, frontier: Frontier, view: View) -> bool:
+    """Whether a teammate in range is heading for a frontier and is nearer to it.
+
+    Ties go to the smaller name, so that of two robots exactly one leaves it.
+    """
+    if not mate.in_range or mate.goal is None:
+        return False
+    if math.hypot(mate.goal.x - frontier.x, mate.goal.y - frontier.y) > CLAIM_RADIUS_M:
+        return False
+    theirs = math.hypot(mate.pose.x - frontier.x, mate.pose.y - frontier.y)
+    ours = math.hypot(view.pose.x - frontier.x, view.pose.y - frontier.y)
+    return (theirs, mate.name) < (ours, view.name)
+
+
+def _goal(terrain: Terrain, frontier: Frontier) -> Pose2:
+    """The viewpoint, turned towards the middle of the frontier."""
+    x, y = terrain.point_of(frontier.row, frontier.column)
+    return Pose2(x, y, math.atan2(frontier.y - y, frontier.x - x))

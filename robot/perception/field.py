@@ -1,0 +1,144 @@
+"""Correlation field: how likely a surface is at each place, as far as some scans have seen."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from protocol.pose import FloatArray, Pose2
+from robot.perception import kernels
+from robot.perception.returns import Returns
+
+ByteArray = npt.NDArray[np.uint8]
+
+RESOLUTION_M = 0.05
+SIGMA_M = 0.0325
+FREE_RESOLUTION_M = 0.1
+# A ray is free up to this distance before its return, where the ridge of the wall begins.
+FREE_MARGIN_M = 0.15
+# From this share of what the field is expected to be there, a return is on a wall.
+HIT_LEVEL = 0.15
+# Rays that end nearer than this behind a wall touch it rather than cross it.
+CROSSING_MARGIN_M = 0.3
+
+
+@dataclass(frozen=True, slots=True)
+class Overlay:
+    """How a scan lies on a field, by what the matcher does not look at.
+
+    `overlap` is the share of returns that lie where the field knows the place, `hits` the share of
+    those on its walls, `crossing` the share of rays through its walls.
+    """
+
+    overlap: float
+    hits: float
+    crossing: float
+
+
+@dataclass(slots=True)
+class CorrelationField:
+    """A grid of nodes at `origin + (column, row) * RESOLUTION_M`: 0 nothing … 255 surface.
+
+    `free` is a coarser grid with the same origin, 1 where rays passed.
+    """
+
+    nodes: ByteArray
+    free: ByteArray
+    origin: FloatArray
+
+    @staticmethod
+    def around(half_extent_m: float) -> "CorrelationField":
+        """An empty field that reaches `half_extent_m` to all sides of its frame's origin."""
+        half = math.ceil(half_extent_m / FREE_RESOLUTION_M)
+        ratio = round(FREE_RESOLUTION_M / RESOLUTION_M)
+        return CorrelationField(
+            np.zeros((2 * half * ratio + 1,) * 2, dtype=np.uint8),
+            np.zeros((2 * half + 1,) * 2, dtype=np.uint8),
+            np.full(2, -half * FREE_RESOLUTION_M),
+        )
+
+    def draw(self, pose: Pose2, returns: Returns) -> None:
+        """Add what a scan at `pose` (`T_field_base`) saw."""
+        at = pose.to_array()
+        count = len(returns)
+        kernels.draw_returns(
+            self.nodes,
+            self.origin,
+            RESOLUTION_M,
+            at,
+            returns.values,
+            returns.links,
+            count,
+            SIGMA_M,
+        )
+        kernels.mark_free(
+            self.free,
+            self.origin,
+            FREE_RESOLUTION_M,
+            at,
+            returns.values,
+            count,
+            FREE_MARGIN_M,
+            1e3,
+        )
+
+    def overlay(self, pose: Pose2, returns: Returns) -> Overlay:
+        """How a scan at `pose` (`T_field_base`) lies on what this field knows."""
+        compared, hits, traced, crossing = kernels.overlay(
+            self.nodes,
+            self.origin,
+            RESOLUTION_M,
+            self.free,
+            FREE_RESOLUTION_M,
+            pose.to_array(),
+            returns.values,
+            len(returns),
+            SIGMA_M,
+            HIT_LEVEL,
+            CROSSING_MARGIN_M,
+        )
+        weight = float(returns.values[:, 4].sum())
+        return Overlay(
+            overlap=compared / weight if weight > 0.0 else 0.0,
+            hits=hits / compared if compared > 0.0 else 0.0,
+            crossing=crossing / traced if traced > 0.0 else 1.0,
+        )
+
+    def window(self, points: FloatArray, margin_m: float) -> "CorrelationField":
+        """A view of the part that holds n×2 points (m, field frame), with a margin round them."""
+        ratio = round(FREE_RESOLUTION_M / RESOLUTION_M)
+        low = np.floor((points.min(axis=0) - margin_m - self.origin) / FREE_RESOLUTION_M)
+        high = np.ceil((points.max(axis=0) + margin_m - self.origin) / FREE_RESOLUTION_M)
+        limit = np.array(self.free.shape[::-1])
+        column0, row0 = np.clip(low, 0, limit - 2).astype(int)
+        column1, row1 = np.clip(high, 2, limit).astype(int)
+        return CorrelationField(
+            self.nodes[row0 * ratio : row1 * ratio, column0 * ratio : column1 * ratio],
+            self.free[row0:row1, column0:column1],
+            self.origin + np.array([column0, row0]) * FREE_RESOLUTION_M,
+        )
+
+    def cropped(self) -> "CorrelationField":
+        """The same field without the empty margin, in arrays of its own."""
+        used = self.free.astype(bool)
+        ratio = round(FREE_RESOLUTION_M / RESOLUTION_M)
+        walls = self.nodes[::ratio, ::ratio].astype(bool)
+        used |= walls[: used.shape[0], : used.shape[1]]
+        rows = np.flatnonzero(used.any(axis=1))
+        columns = np.flatnonzero(used.any(axis=0))
+        if len(rows) == 0:
+            return CorrelationField(
+                np.zeros((3, 3), dtype=np.uint8), np.zeros((2, 2), dtype=np.uint8), self.origin
+            )
+        # The ridge of a wall may reach a few nodes beyond the last coarse cell that shows it.
+        row0, row1 = max(0, rows[0] - 2), min(used.shape[0], rows[-1] + 3)
+        column0, column1 = max(0, columns[0] - 2), min(used.shape[1], columns[-1] + 3)
+        return CorrelationField(
+            self.nodes[
+                row0 * ratio : row1 * ratio,
+                column0 * ratio : column1 * ratio,
+            ].copy(),
+            self.free[row0:row1, column0:column1].copy(),
+            self.origin + np.array([column0, row0]) * FREE_RESOLUTION_M,
+        )

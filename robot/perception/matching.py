@@ -1,0 +1,78 @@
+"""Scan matching: the pose at which the returns of a scan lie best on a correlation field."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from protocol.pose import FloatArray, Pose2
+from robot.perception import kernels
+from robot.perception.field import RESOLUTION_M, SIGMA_M, CorrelationField
+from robot.perception.returns import Returns
+
+MAX_ITERATIONS = 25
+TOLERANCE = 2e-4  # m and rad
+MIN_RETURNS = 12
+
+# What a return is worth against the prior, in units of 1 / σ².
+TRUST = 1.0
+
+NO_PRIOR = np.zeros((3, 3))
+
+Reason = Literal["converged", "iterations", "few returns"]
+
+
+@dataclass(frozen=True, slots=True)
+class Match:
+    """A pose of a scan on a field, and how good it is.
+
+    `information` (3×3) is that of the returns alone, in the tangent space at the pose. `score` is
+    the field under the returns, by weight, as a share of what noise alone would leave of it.
+    """
+
+    T_field_base: Pose2
+    information: FloatArray
+    score: float
+    iterations: int
+    converged: bool
+    reason: Reason
+
+
+def match_returns(
+    field: CorrelationField,
+    returns: Returns,
+    prior: Pose2,
+    prior_information: FloatArray = NO_PRIOR,
+    start: Pose2 | None = None,
+) -> Match:
+    """Climb from `start` (the prior if none) to the best pose nearby.
+
+    The prior pulls with its information (3×3, tangent space at the pose); by default not at all.
+    """
+    if len(returns) < MIN_RETURNS:
+        return Match(prior, np.zeros((3, 3)), 0.0, 0, False, "few returns")
+    pose = (start or prior).to_array()
+    information = np.zeros((3, 3))
+    score, iterations, converged = kernels.match_returns(
+        field.nodes,
+        field.origin,
+        RESOLUTION_M,
+        returns.values,
+        len(returns),
+        SIGMA_M,
+        TRUST,
+        prior.to_array(),
+        np.ascontiguousarray(prior_information),
+        MAX_ITERATIONS,
+        TOLERANCE,
+        pose,
+        information,
+    )
+    return Match(
+        Pose2.from_array(pose),
+        information,
+        float(score),
+        int(iterations),
+        bool(converged),
+        "converged" if converged else "iterations",
+    )

@@ -1,0 +1,87 @@
+"""The returns of a scan as points on surfaces: what is drawn into submaps and matched to them."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from protocol.config import LidarConfig
+from protocol.pose import FloatArray
+from robot.perception import kernels
+from robot.perception.scan import LaserScan
+
+IntArray = npt.NDArray[np.int64]
+
+# Gaps up to this length between neighbouring returns may be one surface; doors are wider.
+MAX_GAP_M = 0.5
+# Reach of the neighbourhood in which a surface's direction is fitted, at least.
+NORMAL_RADIUS_M = 0.15
+# Returns closer together than this share the weight of one: near walls must not drag the pose.
+SPACING_M = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class Returns:
+    """Returns of one scan in the robot's frame.
+
+    `values` (n×6): x, y (m), surface normal x, y (0, 0 where the neighbours lie on no line),
+    weight (0…1), σ of the point (m). `links` (n): 1 where the next return lies on the same surface.
+    """
+
+    values: FloatArray
+    links: IntArray
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    @property
+    def points(self) -> FloatArray:
+        """n×2, m."""
+        return self.values[:, :2]
+
+    def thinned(self, limit: int) -> "Returns":
+        """At most `limit` of the returns, spread evenly over the weight, for a search."""
+        weight = self.values[:, 4]
+        total = float(weight.sum())
+        count = min(limit, len(weight))
+        if total <= 0.0 or count == 0:
+            return Returns(np.empty((0, 6)), np.empty(0, dtype=np.int64))
+        levels = (np.arange(count) + 0.5) * (total / count)
+        chosen = np.searchsorted(np.cumsum(weight), levels)
+        chosen = np.unique(np.minimum(chosen, len(weight) - 1))
+        return Returns(self.values[chosen], np.zeros(len(chosen), dtype=np.int64))
+
+
+def noise_model(lidar: LidarConfig) -> FloatArray:
+    """Eq. 14 as the kernels take it: σ_r at 0 m, its growth per metre, variance per metre, σ_θ."""
+    linear, growth, per_metre = {
+        "modern": (0.01, 0.005, 0.0),
+        "paper": (0.0, 0.0, 0.01),
+        "none": (0.0, 0.0, 0.0),
+    }[lidar.noise]
+    return np.array([linear, growth, per_metre, lidar.sigma_angle_rad])
+
+
+def describe_returns(scan: LaserScan, noise: FloatArray, max_range_m: float) -> Returns:
+    """The returns of a scan up to a range; beams without one (NaN, +inf) leave no trace."""
+    ranges = np.array(scan.ranges, dtype=np.float64)
+    angles = np.array(scan.angles, dtype=np.float64)
+    increment = float(angles[1] - angles[0])
+    wraps = bool(abs(len(angles) * increment - 2.0 * math.pi) < 0.5 * increment)
+    values = np.empty((len(ranges), 6))
+    links = np.zeros(len(ranges), dtype=np.int64)
+    count = kernels.describe_returns(
+        ranges,
+        angles,
+        increment,
+        wraps,
+        max_range_m,
+        MAX_GAP_M,
+        NORMAL_RADIUS_M,
+        SPACING_M,
+        noise,
+        values,
+        links,
+    )
+    return Returns(values[:count], links[:count])

@@ -1,0 +1,121 @@
+"""Exhaustive search for the pose of a scan (or of a whole submap's points) on a field.
+
+Branch and bound over (x, y, θ) finds the best pose in a window on a 10 cm grid for certain, and
+the best one elsewhere in the window, which says how ambiguous the place is.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from protocol.pose import FloatArray, Pose2, wrap_angle
+from robot.perception import kernels
+from robot.perception.field import RESOLUTION_M, SIGMA_M, ByteArray, CorrelationField
+from robot.perception.returns import Returns
+
+SEARCH_RESOLUTION_M = 2.0 * RESOLUTION_M
+MAX_LEVELS = 6
+MAX_NODES = 60_000
+# Peaks nearer than this to the best one are the best one.
+SAME_PEAK_M = 0.5
+SAME_PEAK_RAD = math.radians(15.0)
+MIN_ANGLE_STEP_RAD = math.radians(0.5)
+MAX_ANGLE_STEP_RAD = math.radians(3.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """Where to search: ± metres in x and y and ± radians round a pose."""
+
+    centre: Pose2
+    half_m: float
+    half_rad: float
+
+
+@dataclass(frozen=True, slots=True)
+class Peak:
+    """The best pose in a window, and how it compares with the best one elsewhere in it.
+
+    `score` and `runner_up` are as in Match, but on the coarser grid. `exact` is False when the
+    bounded search ended early: `runner_up` is then an upper bound.
+    """
+
+    pose: Pose2
+    score: float
+    runner_up: float
+    exact: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Pyramid:
+    """Block maxima of a field, to be searched as often as wanted."""
+
+    levels: ByteArray
+    origin: FloatArray
+
+    @staticmethod
+    def of(field: CorrelationField, half_m: float) -> "Pyramid":
+        """As many levels as a window of ± `half_m` makes use of."""
+        cells = max(2.0 * half_m / SEARCH_RESOLUTION_M, 2.0)
+        levels = min(MAX_LEVELS, max(2, math.ceil(math.log2(cells))))
+        return Pyramid(kernels.build_pyramid(field.nodes, levels), field.origin)
+
+
+def search(pyramid: Pyramid, returns: Returns, window: Window, floor: float) -> Peak | None:
+    """The best pose (`T_field_base`) in a window; None when none reaches the score `floor`.
+
+    All returns count alike: thin them before (`Returns.thinned`), to a hundred or so.
+    """
+    if len(returns) == 0:
+        return None
+    points = returns.points
+    sigma2 = returns.values[:, 5] ** 2
+    expected = float((SIGMA_M / np.sqrt(SIGMA_M**2 + 2.0 * sigma2)).sum())
+    full = 255.0 * expected
+    angles = _angles(points, window)
+    cells = _rotated_cells(points, angles, window.centre, pyramid.origin)
+    half = max(1, math.ceil(window.half_m / SEARCH_RESOLUTION_M))
+    step = float(angles[1] - angles[0]) if len(angles) > 1 else 1.0
+    best, second, nodes = kernels.branch_and_bound(
+        pyramid.levels,
+        cells,
+        half,
+        half,
+        round(SAME_PEAK_M / SEARCH_RESOLUTION_M),
+        max(1, round(SAME_PEAK_RAD / step)),
+        int(floor * full),
+        MAX_NODES,
+    )
+    total, angle, row, column = best
+    if angle < 0:
+        return None
+    pose = Pose2(
+        window.centre.x + column * SEARCH_RESOLUTION_M,
+        window.centre.y + row * SEARCH_RESOLUTION_M,
+        wrap_angle(float(angles[angle])),
+    )
+    runner_up = max(floor, second[0] / full)
+    return Peak(pose, total / full, runner_up, bool(nodes <= MAX_NODES))
+
+
+def _angles(points: FloatArray, window: Window) -> FloatArray:
+    """Rotations at which the far points move by one cell from one to the next."""
+    reach = float(np.quantile(np.hypot(points[:, 0], points[:, 1]), 0.9))
+    step = SEARCH_RESOLUTION_M / max(reach, SEARCH_RESOLUTION_M)
+    step = min(max(step, MIN_ANGLE_STEP_RAD), MAX_ANGLE_STEP_RAD)
+    count = max(1, math.ceil(window.half_rad / step))
+    return np.asarray(window.centre.theta + step * np.arange(-count, count + 1), dtype=np.float64)
+
+
+def _rotated_cells(
+    points: FloatArray, angles: FloatArray, centre: Pose2, origin: FloatArray
+) -> "np.ndarray[tuple[int, int, int], np.dtype[np.int64]]":
+    """Rows and columns (angles×n×2) of the points at each rotation about the window's centre."""
+    c, s = np.cos(angles)[:, None], np.sin(angles)[:, None]
+    x, y = points[:, 0][None, :], points[:, 1][None, :]
+    columns = (centre.x + c * x - s * y - origin[0]) / RESOLUTION_M
+    rows = (centre.y + s * x + c * y - origin[1]) / RESOLUTION_M
+    # Search cell k holds the nodes 2k and 2k + 1.
+    cells = np.floor_divide(np.floor(np.stack([rows, columns], axis=-1) + 0.5), 2.0)
+    return np.ascontiguousarray(cells.astype(np.int64))

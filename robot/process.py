@@ -1,0 +1,210 @@
+"""A robot's shell: it moves senses and actions between the bus and the pure `Brain`.
+
+It answers the newest sense with all frames heard so far, so that the same loop serves lockstep,
+where there is never more than one, and real time, where a slow robot skips senses but no frame.
+When the world is gone there are no wheels to stop: it says so and ends.
+"""
+
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager, nullcontext
+from enum import Enum
+from pathlib import Path
+from typing import Protocol
+
+from protocol.bus import Arrival, Bus, Event, Inbox, Presence, Question
+from protocol.config import RobotConfig
+from protocol.errors import EarshotError
+from protocol.interrupt import Interrupt
+from protocol.messages import (
+    Action,
+    Ended,
+    HeardFrame,
+    MapReply,
+    Report,
+    Sense,
+    TrajectoryReply,
+)
+from protocol.topics import (
+    ACT,
+    CONFIG,
+    ENDED,
+    EXACT_MAP,
+    MAP,
+    RADIO_IN,
+    RADIO_OUT,
+    REPORT,
+    ROBOT_ALIVE,
+    SENSE,
+    TRAJECTORY,
+    WORLD_ALIVE,
+)
+from robot.jobs import Jobs
+from robot.journal_file import JournalFile
+
+POLL_S = 0.5
+REPORT_EVERY_S = 1.0
+
+
+class WorldMissingError(EarshotError):
+    """The world did not answer when the robot started."""
+
+
+class Farewell(Enum):
+    """Why a robot's shell came to its end."""
+
+    ENDED = "the run has ended"
+    INTERRUPTED = "interrupted"
+    WORLD_LOST = "the world is gone: wheels stopped"
+
+
+class Mind(Protocol):
+    """What the shell asks of a brain."""
+
+    def step(self, sense: Sense) -> Action: ...
+
+    def take_records(self) -> list[bytes]: ...
+
+    def report(self) -> Report: ...
+
+    def map_reply(self, exact: bool = False) -> MapReply: ...
+
+    def trajectory_reply(self) -> TrajectoryReply: ...
+
+
+MindMaker = Callable[[RobotConfig, int, Jobs], Mind]
+
+
+class ReportClock:
+    """Says when a report is due: once in each simulated second."""
+
+    def __init__(self) -> None:
+        self._last: float | None = None
+
+    def due(self, stamp: float) -> bool:
+        if self._last is not None and stamp < self._last + REPORT_EVERY_S - 1e-6:
+            return False
+        self._last = stamp
+        return True
+
+
+def run_robot(
+    bus: Bus,
+    name: str,
+    make_mind: MindMaker,
+    interrupt: Interrupt,
+    *,
+    journal_folder: Path | None = None,
+    world_wait_s: float = 60.0,
+) -> Farewell:
+    """Be the robot `name` until the run ends. Raises WorldMissingError if there is no world."""
+    config = ask_config(bus, name, interrupt, world_wait_s)
+    if config is None:
+        return Farewell.INTERRUPTED
+    journal: AbstractContextManager[JournalFile | None] = (
+        JournalFile(journal_folder, name) if journal_folder else nullcontext()
+    )
+    with journal as file, ThreadPoolExecutor(1, thread_name_prefix=f"{name}-jobs") as executor:
+        mind = make_mind(config, file.incarnation if file else 0, Jobs(executor))
+        return RobotProcess(bus, name, mind, interrupt, file).run()
+
+
+def ask_config(
+    bus: Bus, name: str, interrupt: Interrupt, world_wait_s: float
+) -> RobotConfig | None:
+    """The robot's configuration from the world; None when interrupted while waiting for it."""
+    deadline = time.monotonic() + world_wait_s
+    while not interrupt.requested:
+        config = bus.query(CONFIG, RobotConfig, name, timeout_s=2.0)
+        if config is not None:
+            return config
+        if time.monotonic() > deadline:
+            raise WorldMissingError(
+                f"no world answers for a robot named {name}: is it running, with {name} in its "
+                "scenario and under the same --namespace?"
+            )
+        time.sleep(0.1)  # a world that is not there yet refuses at once
+    return None
+
+
+class RobotProcess:
+    """The loop of one robot."""
+
+    def __init__(
+        self, bus: Bus, name: str, mind: Mind, interrupt: Interrupt, journal: JournalFile | None
+    ) -> None:
+        self._bus = bus
+        self._name = name
+        self._mind = mind
+        self._interrupt = interrupt
+        self._journal = journal
+        self._sense: Sense | None = None
+        self._frames: list[HeardFrame] = []
+        self._farewell: Farewell | None = None
+        self._report_clock = ReportClock()
+
+    def run(self) -> Farewell:
+        """Answer senses and questions until there is a reason to end."""
+        inbox = self._listen()
+        try:
+            while self._farewell is None:
+                event = inbox.get(POLL_S)
+                if self._interrupt.requested:
+                    self._farewell = Farewell.INTERRUPTED
+                elif event is not None:
+                    self._handle(event)
+                    for further in inbox.drain():
+                        self._handle(further)
+                    self._answer()
+        finally:
+            self._bus.withdraw(ROBOT_ALIVE, self._name)
+        return self._farewell
+
+    def _listen(self) -> Inbox:
+        inbox, name = self._bus.inbox(), self._name
+        self._interrupt.on_request.append(inbox.wake)
+        for topic in (RADIO_IN, SENSE, ENDED):
+            inbox.subscribe(topic, name)
+        for topic in (MAP, EXACT_MAP, TRAJECTORY):
+            inbox.serve(topic, name)
+        inbox.watch(WORLD_ALIVE)
+        # Last of all: who sees the token may send at once.
+        self._bus.declare_alive(ROBOT_ALIVE, name)
+        return inbox
+
+    def _handle(self, event: Event) -> None:
+        match event:
+            case Arrival(message=HeardFrame() as frame):
+                self._frames.append(frame)
+            case Arrival(message=Sense() as sense):
+                self._sense = sense
+            case Arrival(message=Ended()):
+                self._farewell = self._farewell or Farewell.ENDED
+            case Question():
+                self._reply(event)
+            case Presence(alive=False):
+                self._farewell = self._farewell or Farewell.WORLD_LOST
+
+    def _reply(self, question: Question) -> None:
+        if question.topic is TRAJECTORY:
+            question.reply(self._mind.trajectory_reply())
+        else:
+            question.reply(self._mind.map_reply(exact=question.topic is EXACT_MAP))
+
+    def _answer(self) -> None:
+        """Step on the newest sense, with every frame that was heard up to it."""
+        if self._sense is None or self._farewell is not None:
+            return
+        sense, self._sense = self._sense, None
+        frames, self._frames = tuple(self._frames), []
+        sense = sense.model_copy(update={"frames": frames, "frame_count": len(frames)})
+        action = self._mind.step(sense)
+        records = self._mind.take_records()
+        if self._journal is not None and records:
+            self._journal.append(records)
+        for frame in action.frames:
+            self._bus.publish(RADIO_OUT, frame, self._name)
+        self._bus.publish(ACT, action, self._name)
+        if self._report_clock.due(sense.stamp):
+            self._bus.publish(REPORT, self._mind.report(), self._name)

@@ -1,0 +1,171 @@
+"""GraphSlam: scan-to-submap matching, loop closures and a pose graph over submap anchors.
+
+The front end knows where the robot is in its current submap. Scans are looked for in finished
+submaps (a job); what is found and verified ties anchors together, and the graph over anchors is
+optimised in the same job. Nothing but anchors is moved by that: all else is relative to them.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from protocol.config import BodyConfig, LidarConfig
+from protocol.pose import FloatArray, Pose2
+from robot.jobs import Jobs
+from robot.perception.odometry import Motion
+from robot.perception.returns import Returns
+from robot.perception.scan import LaserScan
+from robot.slam.anchor_graph import AnchorGraph, Optimised, optimise_anchors
+from robot.slam.candidates import CandidateFinder
+from robot.slam.config import GraphSlamConfig
+from robot.slam.engine import Anchor, Closure, Entry, Estimate, GraphSnapshot, Keyframe
+from robot.slam.front_end import FrontEnd, Progress
+from robot.slam.gaussian import carry
+from robot.slam.loop_closure import Candidate, Query, Verdict, examine
+from robot.slam.trajectory import RelativeTrajectory
+
+START_INFORMATION = np.eye(3) * 1e6
+JOB = "loop-closure"
+
+
+@dataclass(frozen=True, slots=True)
+class Findings:
+    """What a loop closure job brings back: all verdicts, and the graph if any was accepted."""
+
+    verdicts: tuple[Verdict, ...]
+    closures: tuple[Closure, ...]
+    optimised: Optimised | None
+
+
+class GraphSlam:
+    """The default engine. The map frame is the one in which `start` is given."""
+
+    def __init__(
+        self,
+        lidar: LidarConfig,
+        body: BodyConfig,
+        start: Pose2,
+        jobs: Jobs,
+        config: GraphSlamConfig | None = None,
+    ) -> None:
+        del body
+        self._config = config or GraphSlamConfig()
+        self._jobs = jobs
+        self._front_end = FrontEnd(lidar, self._config.front_end)
+        self._graph = AnchorGraph(start)
+        self._candidates = CandidateFinder(self._config.closures)
+        self._trajectory = RelativeTrajectory()
+        self._entries: list[Entry] = [Anchor(0, start, START_INFORMATION)]
+        self._keyframes = 0
+        self._last_keyframe: Pose2 | None = None
+        self.loop_closures = 0
+        self.refusals: dict[str, int] = {}
+        """How often candidates were refused, by reason."""
+
+    def step(self, tick: int, motion: Motion, scan: LaserScan | None) -> Estimate:
+        """Land what was searched, predict by odometry, correct by the scan, look for loops."""
+        for findings in self._jobs.landed(JOB, tick):
+            self._land(findings)
+        self._front_end.predict(motion)
+        if scan is not None:
+            progress = self._front_end.correct(scan)
+            self._extend(progress)
+            if progress.drawn:
+                self._look_for_loops(tick, progress.returns)
+            self._keep(tick, scan)
+        self._trajectory.append(self._front_end.current.index, self._front_end.pose)
+        return self._estimate()
+
+    def take_entries(self) -> list[Entry]:
+        entries, self._entries = self._entries, []
+        return entries
+
+    def trajectory(self) -> FloatArray:
+        return self._trajectory.poses(self._graph.nodes)
+
+    def graph(self) -> GraphSnapshot:
+        return self._graph.snapshot()[0]
+
+    def _land(self, findings: Findings) -> None:
+        for closure in findings.closures:
+            self._graph.add_closure(closure)
+            self._entries.append(closure)
+            self.loop_closures += 1
+        for verdict in findings.verdicts:
+            if not verdict.accepted:
+                self.refusals[verdict.reason] = self.refusals.get(verdict.reason, 0) + 1
+        if findings.optimised is not None:
+            self._graph.apply(findings.optimised)
+        self._candidates.note(findings.closures)
+
+    def _extend(self, progress: Progress) -> None:
+        if progress.finished is not None:
+            self._candidates.add(progress.finished)
+        if progress.anchor is not None:
+            anchor = progress.anchor
+            self._graph.add_anchor(anchor.T_previous_anchor, anchor.information)
+            self._entries.append(Anchor(anchor.index, anchor.T_previous_anchor, anchor.information))
+
+    def _look_for_loops(self, tick: int, returns: Returns) -> None:
+        front_end, config = self._front_end, self._config.closures
+        anchor, pose = front_end.current.index, front_end.pose
+        due = self._candidates.advance(anchor, pose)
+        if not due or self._jobs.pending(JOB):
+            return
+        candidates = self._candidates.find(anchor, pose, self._graph.nodes)
+        if not candidates:
+            return
+        query = Query(anchor, pose, front_end.match_covariance, returns)
+        graph, robust = self._graph.snapshot()
+        self._jobs.start(
+            JOB,
+            tick,
+            config.landing_ticks,
+            close_loops,
+            query,
+            candidates,
+            graph,
+            robust,
+            self._config,
+        )
+
+    def _keep(self, tick: int, scan: LaserScan) -> None:
+        """Hand a keyframe to the journal when the robot has moved on since the last one."""
+        front_end, config = self._front_end, self._config.front_end
+        anchor = front_end.current.index
+        pose = self._graph.pose(anchor) @ front_end.pose
+        if self._last_keyframe is not None:
+            moved = self._last_keyframe.inverse() @ pose
+            near = math.hypot(moved.x, moved.y) < config.journal_m
+            if near and abs(moved.theta) < config.journal_rad:
+                return
+        self._last_keyframe = pose
+        covariance = front_end.covariance.copy()
+        self._entries.append(
+            Keyframe(self._keyframes, tick, anchor, front_end.pose, covariance, scan.ranges)
+        )
+        self._keyframes += 1
+
+    def _estimate(self) -> Estimate:
+        front_end = self._front_end
+        anchor = front_end.current.index
+        covariance = carry(self._graph.covariance(anchor), front_end.pose) + front_end.covariance
+        return Estimate(self._graph.pose(anchor) @ front_end.pose, covariance)
+
+
+def close_loops(
+    query: Query,
+    candidates: tuple[Candidate, ...],
+    graph: GraphSnapshot,
+    robust: npt.NDArray[np.bool_],
+    config: GraphSlamConfig,
+) -> Findings:
+    """Examine the candidates and optimise the graph with what was found. Pure: a job."""
+    verdicts = examine(query, candidates, config.closures)
+    closures = tuple(Closure(v.of, v.to, v.T_of_to, v.information) for v in verdicts if v.accepted)
+    if not closures:
+        return Findings(verdicts, (), None)
+    optimised = optimise_anchors(graph, robust, closures, config.optimiser_iterations)
+    return Findings(verdicts, closures, optimised)

@@ -1,0 +1,38 @@
+"""A submap: the correlation field of a stretch of travel, in the frame of its anchor."""
+
+import dataclasses
+from dataclasses import dataclass
+
+from protocol.pose import FloatArray, Pose2
+from robot.perception.field import CorrelationField
+from robot.perception.returns import Returns
+
+
+@dataclass(slots=True)
+class Submap:
+    """Scans drawn relative to anchor `index`. Once finished it never changes again."""
+
+    index: int
+    field: CorrelationField
+    keyframes: list[FloatArray] = dataclasses.field(default_factory=list)
+    """`T_anchor_keyframe` (3,) of every scan drawn."""
+    travel_m: float = 0.0
+    finished: bool = False
+
+    @staticmethod
+    def start(index: int, extent_m: float) -> "Submap":
+        """An empty submap; the extent holds the sensor's range and the submap's own travel."""
+        return Submap(index, CorrelationField.around(extent_m))
+
+    def insert(self, T_anchor_base: Pose2, returns: Returns) -> None:
+        """Draw a scan, and count the travel from the one before."""
+        if self.keyframes:
+            last = Pose2.from_array(self.keyframes[-1])
+            self.travel_m += last.distance_to(T_anchor_base)
+        self.keyframes.append(T_anchor_base.to_array())
+        self.field.draw(T_anchor_base, returns)
+
+    def finish(self) -> None:
+        """Give back the memory of the empty margin."""
+        self.field = self.field.cropped()
+        self.finished = True

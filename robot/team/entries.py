@@ -1,0 +1,176 @@
+"""Journal entries as bytes: what a robot knows, in a form that every robot can use.
+
+An entry is msgpack: a list whose first item says what it is. Relative poses are float32 (their
+error over a submap of 10 m is below a micrometre), so an engine and the journal agree on them.
+
+    hello     [0, start or None, beams, angle_min, increment, max_range, radius]
+    anchor    [1, index, pose, information]
+    keyframe  [2, tick, anchor, pose, covariance, scan]
+    closure   [3, of, to, pose, information]
+
+A pose is 3 float32 (x, y, θ), a symmetric 3×3 matrix 6 float32 (upper triangle, row by row).
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import msgpack
+import numpy as np
+
+from protocol.config import RobotConfig
+from protocol.errors import MalformedMessageError
+from protocol.pose import FloatArray, Pose2
+from robot.slam.engine import Anchor, Closure, Entry, Keyframe
+from robot.team.scan_codec import MAX_BEAMS, compress_scan, decompress_scan
+
+HELLO, ANCHOR, KEYFRAME, CLOSURE = 0, 1, 2, 3
+UPPER = np.triu_indices(3)
+
+
+@dataclass(frozen=True, slots=True)
+class Hello:
+    """The first entry of every log: what the later ones need to be understood.
+
+    `start` is the pose of the robot's map frame's first anchor in the team's frame where that is
+    known. `angles` of the range finder follow from angle_min and increment.
+    """
+
+    start: Pose2 | None
+    beams: int
+    angle_min: float
+    increment: float
+    max_range_m: float
+    radius_m: float
+
+    @property
+    def angles(self) -> FloatArray:
+        return self.angle_min + np.arange(self.beams, dtype=np.float64) * self.increment
+
+    @staticmethod
+    def of(config: RobotConfig) -> "Hello":
+        lidar = config.lidar
+        return Hello(
+            config.start.to_pose() if config.start else None,
+            lidar.beams,
+            lidar.angle_min_rad,
+            lidar.increment_rad,
+            lidar.max_range_m,
+            config.body.radius_m,
+        )
+
+
+def encode_entry(entry: Entry | Hello) -> bytes:
+    """The body of an entry."""
+    packed: bytes = msgpack.packb(_fields(entry), use_bin_type=True)
+    return packed
+
+
+def _fields(entry: Entry | Hello) -> list[Any]:
+    if isinstance(entry, Hello):
+        start = None if entry.start is None else entry.start.to_array().astype("<f8").tobytes()
+        lidar = [entry.beams, entry.angle_min, entry.increment, entry.max_range_m]
+        return [HELLO, start, *lidar, entry.radius_m]
+    if isinstance(entry, Anchor):
+        return [ANCHOR, entry.index, _pose(entry.T_previous_anchor), _matrix(entry.information)]
+    if isinstance(entry, Keyframe):
+        pose, covariance = _pose(entry.T_anchor_keyframe), _matrix(entry.covariance)
+        return [KEYFRAME, entry.tick, entry.anchor, pose, covariance, compress_scan(entry.ranges)]
+    return [CLOSURE, entry.of, entry.to, _pose(entry.T_of_to), _matrix(entry.information)]
+
+
+def decode_entry(body: bytes, index: int) -> Entry | Hello:
+    """The entry in a body; `index` is what a keyframe is numbered with.
+
+    Raises MalformedMessageError on anything that `encode_entry` does not write.
+    """
+    try:
+        fields = msgpack.unpackb(body, raw=False, max_ext_len=0, max_map_len=0, max_array_len=8)
+    except Exception as error:  # msgpack raises many types, all of which mean the same here
+        raise MalformedMessageError("entry", str(error)[:100]) from error
+    try:
+        kind, *rest = fields
+        return _DECODERS[kind](rest, index)
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        raise MalformedMessageError("entry", str(error)[:100]) from error
+
+
+def _decode_hello(rest: list[Any], _: int) -> Hello:
+    start, beams, angle_min, increment, max_range, radius = rest
+    if start is not None:
+        values = np.frombuffer(_sized(start, 24), dtype="<f8")
+        if not np.isfinite(values).all():
+            raise ValueError("the start is not finite")
+        start = Pose2.from_array(values)
+    numbers = [float(value) for value in (angle_min, increment, max_range, radius)]
+    if not (all(map(math.isfinite, numbers)) and 0 < numbers[2] <= 1000 and 0 < numbers[3] <= 10):
+        raise ValueError("a sensor value is out of bounds")
+    return Hello(start, _count(beams, MAX_BEAMS), *numbers)
+
+
+def _decode_anchor(rest: list[Any], _: int) -> Anchor:
+    index, pose, information = rest
+    return Anchor(_count(index), _read_pose(pose), _read_matrix(information))
+
+
+def _decode_keyframe(rest: list[Any], index: int) -> Keyframe:
+    tick, anchor, pose, covariance, scan = rest
+    ranges = decompress_scan(_sized(scan, None))
+    return Keyframe(
+        index, _count(tick), _count(anchor), _read_pose(pose), _read_matrix(covariance), ranges
+    )
+
+
+def _decode_closure(rest: list[Any], _: int) -> Closure:
+    of, to, pose, information = rest
+    if of == to:
+        raise ValueError("a closure joins an anchor with itself")
+    return Closure(_count(of), _count(to), _read_pose(pose), _read_matrix(information))
+
+
+_DECODERS: dict[int, Callable[[list[Any], int], Entry | Hello]] = {
+    HELLO: _decode_hello,
+    ANCHOR: _decode_anchor,
+    KEYFRAME: _decode_keyframe,
+    CLOSURE: _decode_closure,
+}
+
+
+def _pose(pose: Pose2) -> bytes:
+    return pose.to_array().astype("<f4").tobytes()
+
+
+def _matrix(matrix: FloatArray) -> bytes:
+    return np.asarray(matrix[UPPER], dtype="<f4").tobytes()
+
+
+def _read_pose(data: object) -> Pose2:
+    values = np.frombuffer(_sized(data, 12), dtype="<f4").astype(np.float64)
+    if not np.isfinite(values).all() or np.abs(values).max() > 1e6:
+        raise ValueError("a pose is out of bounds")
+    return Pose2.from_array(values)
+
+
+def _read_matrix(data: object) -> FloatArray:
+    values = np.frombuffer(_sized(data, 24), dtype="<f4").astype(np.float64)
+    if not np.isfinite(values).all():
+        raise ValueError("a matrix is not finite")
+    matrix = np.zeros((3, 3))
+    matrix[UPPER] = values
+    matrix = matrix + np.triu(matrix, 1).T
+    if (np.diag(matrix) < 0.0).any():
+        raise ValueError("a variance is negative")
+    return matrix
+
+
+def _sized(data: object, size: int | None) -> bytes:
+    if not isinstance(data, bytes) or (size is not None and len(data) != size):
+        raise ValueError(f"expected {size or 'some'} bytes")
+    return data
+
+
+def _count(value: object, limit: int = 2**53) -> int:
+    if type(value) is not int or not 0 <= value <= limit:
+        raise ValueError(f"expected a number from 0 to {limit}")
+    return value

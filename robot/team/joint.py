@@ -1,0 +1,186 @@
+"""The joint solution: where every anchor of every robot lies in the team's frame.
+
+It is a pure function of the sorted set of journal entries: robots with equal journals have equal
+solutions, to the last bit, in whatever order the entries came. So it always starts from the
+chains of anchors as their owners measured them, never from an older solution.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from protocol.pose import FloatArray, Pose2, compose
+from robot.slam.engine import Anchor, Closure, Entry, Keyframe
+from robot.slam.pose_graph import optimise
+from robot.team.entries import Hello
+from robot.team.journal import LogName
+
+Solution = dict[LogName, FloatArray]
+"""Poses (m×3) of the anchors of each log that is tied to the team's frame."""
+
+
+@dataclass(slots=True)
+class LogGraph:
+    """What one log says: anchors each against the one before, closures, keyframes."""
+
+    hello: Hello | None = None
+    anchors: list[Anchor] = field(default_factory=list)
+    closures: list[Closure] = field(default_factory=list)
+    keyframes: list[Keyframe] = field(default_factory=list)
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """A snapshot of all that the joint solution depends on. Logs sorted, arrays by log."""
+
+    logs: tuple[LogName, ...]
+    sizes: tuple[int, ...]
+    nodes: FloatArray
+    edge_nodes: npt.NDArray[np.int32]
+    measurements: FloatArray
+    information: FloatArray
+    fixed: npt.NDArray[np.bool_]
+    robust: npt.NDArray[np.bool_]
+
+
+class JointGraph:
+    """All logs as far as they are held without a gap."""
+
+    def __init__(self) -> None:
+        self._logs: dict[LogName, LogGraph] = {}
+
+    def log(self, name: LogName) -> LogGraph | None:
+        """What a log says, or None where nothing of it is held."""
+        return self._logs.get(name)
+
+    def logs(self) -> list[LogName]:
+        return sorted(self._logs)
+
+    def add(self, name: LogName, entry: Entry | Hello) -> bool:
+        """Take in the next entry of a log; False if it does not fit what came before it."""
+        log = self._logs.setdefault(name, LogGraph())
+        if isinstance(entry, Hello):
+            if log.hello is not None:
+                return False
+            log.hello = entry
+        elif log.hello is None:
+            return False
+        elif isinstance(entry, Anchor):
+            if entry.index != len(log.anchors):
+                return False
+            log.anchors.append(entry)
+        elif isinstance(entry, Keyframe):
+            if entry.anchor >= len(log.anchors) or len(entry.ranges) != log.hello.beams:
+                return False
+            log.keyframes.append(entry)
+        else:
+            if max(entry.of, entry.to) >= len(log.anchors):
+                return False
+            log.closures.append(entry)
+        return True
+
+    def problem(self) -> Problem:
+        """The present state of all logs that are tied to the team's frame."""
+        names = tuple(
+            name
+            for name in self.logs()
+            if (hello := self._logs[name].hello) is not None
+            and hello.start is not None
+            and self._logs[name].anchors
+        )
+        nodes: list[FloatArray] = []
+        edges: list[tuple[int, int]] = []
+        measured: list[FloatArray] = []
+        information: list[FloatArray] = []
+        first: list[int] = []
+        robust: list[bool] = []
+        for name in names:
+            log = self._logs[name]
+            base = sum(len(chain) for chain in nodes)
+            first.append(base)
+            nodes.append(_chain(log))
+            for anchor in log.anchors[1:]:
+                edges.append((base + anchor.index - 1, base + anchor.index))
+                measured.append(anchor.T_previous_anchor.to_array())
+                information.append(anchor.information)
+                robust.append(False)
+            for closure in log.closures:
+                edges.append((base + closure.of, base + closure.to))
+                measured.append(closure.T_of_to.to_array())
+                information.append(closure.information)
+                robust.append(True)
+        poses = np.concatenate(nodes) if nodes else np.zeros((0, 3))
+        fixed = np.zeros(len(poses), dtype=np.bool_)
+        fixed[first] = True
+        return Problem(
+            names,
+            tuple(len(chain) for chain in nodes),
+            poses,
+            np.array(edges, dtype=np.int32).reshape(-1, 2),
+            np.array(measured).reshape(-1, 3),
+            np.array(information).reshape(-1, 3, 3),
+            fixed,
+            np.array(robust, dtype=np.bool_),
+        )
+
+
+def solve(problem: Problem) -> Solution:
+    """Optimise all logs together; each is held by the pose of its first anchor."""
+    nodes = problem.nodes
+    if len(problem.edge_nodes):
+        nodes = optimise(
+            nodes,
+            problem.edge_nodes,
+            problem.measurements,
+            problem.information,
+            fixed=problem.fixed,
+            robust=problem.robust,
+        ).nodes
+    ends = np.cumsum(problem.sizes)
+    return {
+        name: nodes[end - size : end]
+        for name, size, end in zip(problem.logs, problem.sizes, ends, strict=True)
+    }
+
+
+def anchor_pose(log: LogGraph | None, solved: FloatArray | None, index: int) -> Pose2 | None:
+    """The pose of an anchor, carried on from the last solved one where it is newer than that.
+
+    None where the log is unknown, or not tied to the team's frame, or does not reach so far.
+    """
+    if log is None or solved is None or index >= len(log.anchors) or not len(solved):
+        return None
+    known = min(index, len(solved) - 1)
+    pose = Pose2.from_array(solved[known])
+    for anchor in log.anchors[known + 1 : index + 1]:
+        pose = pose @ anchor.T_previous_anchor
+    return pose
+
+
+def anchor_poses(log: LogGraph, solved: FloatArray) -> FloatArray:
+    """Poses (m×3) of all anchors of a log, likewise."""
+    poses = [Pose2.from_array(row) for row in solved[: len(log.anchors)]]
+    for anchor in log.anchors[len(poses) :]:
+        poses.append(poses[-1] @ anchor.T_previous_anchor)
+    return np.array([pose.to_array() for pose in poses])
+
+
+def keyframe_poses(log: LogGraph, anchors: FloatArray, since: int = 0) -> FloatArray:
+    """Poses (k×3) of the keyframes from number `since` on."""
+    keyframes = log.keyframes[since:]
+    if not keyframes:
+        return np.zeros((0, 3))
+    relative = np.array([keyframe.T_anchor_keyframe.to_array() for keyframe in keyframes])
+    return compose(anchors[[keyframe.anchor for keyframe in keyframes]], relative)
+
+
+def _chain(log: LogGraph) -> FloatArray:
+    """The anchors (m×3) as the chain of their own measurements puts them."""
+    assert log.hello is not None and log.hello.start is not None
+    pose = log.hello.start
+    poses = [pose.to_array()]
+    for anchor in log.anchors[1:]:
+        pose = pose @ anchor.T_previous_anchor
+        poses.append(pose.to_array())
+    return np.array(poses)

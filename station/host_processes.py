@@ -1,0 +1,107 @@
+"""The world here with an embedded router, and each robot as a process of its own."""
+
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+
+from protocol.bus import Bus, BusError, open_bus
+from protocol.bus_config import BusConfig, loopback_endpoint
+from protocol.interrupt import Interrupt
+from protocol.messages import Report
+from station.child import Child, children
+from station.free_port import free_port
+from station.hosts import LaunchError, Played, Relay, played
+from station.observer import Observer
+from world.process import WorldProcess
+from world.simulation import Simulation
+
+ATTEMPTS = 5
+MEMORY_EVERY_S = 1.0
+
+
+def play_processes(
+    simulation: Simulation,
+    observer: Observer,
+    interrupt: Interrupt,
+    folder: Path | None = None,
+) -> Played:
+    """Play a run to its end. What robots print, and their journals, go to `folder`.
+
+    Raises LaunchError when a robot dies before the run begins.
+    """
+    with _folder(folder) as kept, _free_router() as (bus, endpoint), children() as family:
+        sampled = _MemorySampled(observer, family)
+        world = WorldProcess(
+            simulation, bus, sampled, interrupt, lambda: _check_start(simulation, family)
+        )
+        for name in simulation.names:
+            family.append(Child(name, _robot_command(name, endpoint, kept), kept / f"{name}.log"))
+        try:
+            world.run()
+        finally:
+            sampled.sample()
+    return played(world, {child.name: child.peak_rss_mb for child in family})
+
+
+def _robot_command(name: str, endpoint: str, folder: Path) -> list[str]:
+    command = [sys.executable, "-m", "station.main", "robot", name, "--connect", endpoint]
+    return [*command, "--journal", str(folder / "journals")]
+
+
+def _check_start(simulation: Simulation, family: list[Child]) -> None:
+    """A robot that dies before tick 0 will not come: say at once what it said."""
+    if simulation.tick >= 0:
+        return
+    for child in family:
+        if child.exit_code is not None:
+            raise LaunchError(
+                f"robot {child.name} ended with code {child.exit_code} before the run began: "
+                + (child.log_tail() or "it said nothing")
+            )
+
+
+@contextmanager
+def _folder(folder: Path | None) -> Iterator[Path]:
+    if folder is not None:
+        folder.mkdir(parents=True, exist_ok=True)
+        yield folder
+        return
+    with tempfile.TemporaryDirectory(prefix="earshot-") as scratch:
+        yield Path(scratch)
+
+
+@contextmanager
+def _free_router() -> Iterator[tuple[Bus, str]]:
+    """A router on a free port of 127.0.0.1; another program may take a port in between."""
+    with ExitStack() as stack:
+        for attempt in range(ATTEMPTS):
+            endpoint = loopback_endpoint(free_port())
+            try:
+                bus = stack.enter_context(open_bus(BusConfig.router(endpoint)))
+                break
+            except BusError:
+                if attempt == ATTEMPTS - 1:
+                    raise
+        yield bus, endpoint
+
+
+class _MemorySampled(Relay):
+    """Looks at the robots' memory each second or so."""
+
+    def __init__(self, observer: Observer, family: list[Child]) -> None:
+        super().__init__(observer)
+        self._family = family
+        self._next = 0.0
+
+    def sample(self) -> None:
+        for child in self._family:
+            child.sample_memory()
+
+    def ticked(self, simulation: Simulation, reports: Mapping[str, Report]) -> None:
+        super().ticked(simulation, reports)
+        if time.monotonic() >= self._next:
+            self._next = time.monotonic() + MEMORY_EVERY_S
+            self.sample()

@@ -1,0 +1,118 @@
+"""A run in numbers: what `metrics.json` holds. What cannot be computed is null, never invented."""
+
+import platform
+from importlib.metadata import PackageNotFoundError, version
+
+from pydantic import Field
+
+from protocol.model import Model
+from station.hashes import run_hashes
+from station.observer import RunOutcome
+from world.referee import Accuracy, RadioScore, Referee, RobotScore
+
+PACKAGES = ("earshot-slam", "numpy", "numba", "scipy", "eclipse-zenoh", "pydantic", "qdldl")
+WORLD = "world"
+
+
+class WallMetrics(Model):
+    """Shares of wall cells, within one cell: of the true ones mapped, of the mapped ones true."""
+
+    recall: float | None
+    precision: float | None
+
+
+class LedgerMetrics(Model):
+    """Whether what the robots say they sent and heard is what the world counted."""
+
+    equal: bool | None
+
+
+class RobotMetrics(RobotScore):
+    """One robot's score, whether it said that it was done, and what became of it."""
+
+    finished: bool
+    note: str
+
+
+class Metrics(Model):
+    """Shares are between 0 and 1, errors in metres, times in seconds.
+
+    `coverage` is of the union of the robots' own maps, `coverage_worst_joint` of the poorest
+    joint map among the robots that answered. `realtime_factor` is simulated over wall time.
+    `peak_rss_mb` is by process; in one process with the world, a robot has none of its own.
+    """
+
+    map: str
+    seed: int
+    mode: str
+    exit_reason: str
+    sim_s: float
+    wall_s: float
+    realtime_factor: float | None
+    coverage: float | None
+    coverage_worst_joint: float | None
+    target_m2: float = Field(description="area that coverage is a share of")
+    walls: WallMetrics
+    team: Accuracy
+    robots: dict[str, RobotMetrics]
+    collisions: int
+    ledger: LedgerMetrics
+    radio: RadioScore
+    peak_rss_mb: dict[str, float | None]
+    hashes: dict[str, str]
+    versions: dict[str, str | None]
+
+
+def measure(outcome: RunOutcome) -> Metrics:
+    """Have the referee judge a run, and add what only its host knows."""
+    simulation, robots = outcome.simulation, outcome.robots
+    score = Referee(simulation).score(
+        {name: (robot.map, robot.trajectory) for name, robot in robots.items()}
+    )
+    mapped = any(robot.map is not None for robot in robots.values())
+    told = any(robot.trajectory is not None for robot in robots.values())
+    sim_s = max(simulation.stamp, 0.0)  # interrupted before tick 0, no time has passed
+    return Metrics(
+        map=simulation.scenario.map,
+        seed=simulation.scenario.seed,
+        mode=outcome.mode,
+        exit_reason=outcome.exit_reason,
+        sim_s=sim_s,
+        wall_s=outcome.wall_s,
+        realtime_factor=sim_s / outcome.wall_s if outcome.wall_s > 0.0 else None,
+        coverage=score.coverage if mapped else None,
+        coverage_worst_joint=score.coverage_worst_joint if mapped else None,
+        target_m2=score.target_m2,
+        walls=WallMetrics(
+            recall=score.walls.recall if mapped else None,
+            precision=score.walls.precision if mapped else None,
+        ),
+        team=score.team,
+        robots={
+            name: RobotMetrics(
+                **robot.model_dump(),
+                finished=name in simulation.finished,
+                note=robots[name].note if name in robots else "no answer",
+            )
+            for name, robot in score.robots.items()
+        },
+        collisions=score.collisions,
+        ledger=LedgerMetrics(equal=score.ledger.equal if told else None),
+        radio=score.radio,
+        peak_rss_mb={
+            WORLD: outcome.world_peak_rss_mb,
+            **{name: robot.peak_rss_mb for name, robot in sorted(robots.items())},
+        },
+        hashes=run_hashes(outcome),
+        versions={
+            "python": platform.python_version(),
+            **{name: _version(name) for name in PACKAGES},
+        },
+    )
+
+
+def _version(package: str) -> str | None:
+    try:
+        return version(package)
+    except PackageNotFoundError:  # as in a checkout that was not installed
+        return None

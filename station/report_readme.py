@@ -1,0 +1,44 @@
+"""The page that tells whoever opens a report's folder what lies in it."""
+
+from station.observer import RunOutcome
+from station.report_metrics import Metrics
+from station.wording import centimetres, clock_time, describe, percent
+
+
+def folder_readme(outcome: RunOutcome, metrics: Metrics) -> str:
+    """README.md of a report's folder."""
+    silent = [
+        f"- **{name}** left no map or trajectory: {robot.note or 'it gave no answer'}.\n"
+        for name, robot in metrics.robots.items()
+        if robot.ate_rmse_m is None
+    ]
+    pairs = [
+        ("metrics.json", "the run in numbers; null is what could not be computed"),
+        ("metrics.txt", "the same as a table"),
+        ("scenario.yaml", "every setting; `earshot run scenario.yaml` plays it again"),
+        ("team.png", "joint map and everybody's way over the truth"),
+        ("progress.png", "known area and position errors over time"),
+        ("links.png", "who could talk to whom when, and what each pair carried"),
+        ("team.yaml, team.pgm", "the joint map that knows most (ROS map_server)"),
+        ("ledger.json, ledger.txt", "what became of every radio frame"),
+        ("ROBOT/own_map.yaml", "map from this robot's scans alone"),
+        ("ROBOT/joint_map.yaml", "map from its scans and what it heard from teammates"),
+        ("ROBOT/true.tum", "where it was"),
+        ("ROBOT/estimated.tum", "where it believes at the end that it was"),
+        ("ROBOT/online.tum", "where it believed at each tick that it was"),
+        ("ROBOT/dead_reckoned.tum", "where wheel counts alone would have it"),
+        ("ROBOT/graph.g2o", "its pose graph: submap anchors, ties and loop closures"),
+    ]
+    table = "".join(f"| `{file}` | {what} |\n" for file, what in pairs)
+    return (
+        f"# {describe(outcome.simulation.scenario)}\n\n"
+        f"Ended after {clock_time(metrics.sim_s)} (min:s) of simulated time: "
+        f"{metrics.exit_reason}. Coverage {percent(metrics.coverage)}, "
+        f"team error {centimetres(metrics.team.ate_rmse_m)}, "
+        f"collisions {metrics.collisions}.\n\n"
+        + ("".join(silent) + "\n" if silent else "")
+        + "| file | what it holds |\n|---|---|\n"
+        + table
+        + "\nTrajectories: `stamp tx ty tz qx qy qz qw` (s, m), each robot's estimates in its own "
+        "map frame.\n"
+    )

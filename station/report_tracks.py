@@ -1,0 +1,80 @@
+"""Each robot's way, as it was and as the robot believed it to be, in the frame of the world."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from protocol.pose import FloatArray, Pose2, compose
+from station.observer import RunOutcome
+from world.accuracy import align_team, match
+
+
+@dataclass(frozen=True, slots=True)
+class Belief:
+    """What a robot answered about its way: `stamps` (n, s); poses and truth each n×3, aligned."""
+
+    stamps: FloatArray
+    true: FloatArray
+    final: FloatArray
+    online: FloatArray
+    dead_reckoned: FloatArray
+
+    def error_m(self, poses: FloatArray) -> FloatArray:
+        """Distance (n) of poses from the truth."""
+        apart = poses[:, :2] - self.true[:, :2]
+        return np.asarray(np.hypot(apart[:, 0], apart[:, 1]), dtype=np.float64)
+
+
+@dataclass(frozen=True, slots=True)
+class Track:
+    """One robot's way: `true` T×3 at `stamps` (T, s), until it died. No belief without an answer.
+
+    `note` says what became of the robot, where that is not the ordinary.
+    """
+
+    name: str
+    stamps: FloatArray
+    true: FloatArray
+    belief: Belief | None
+    note: str
+
+
+@dataclass(frozen=True, slots=True)
+class Tracks:
+    """The ways of all robots, in the scenario's order, under one alignment for the whole team:
+    `T_world_team` for what SLAM estimated; dead reckoning has one of its own."""
+
+    T_world_team: Pose2
+    robots: tuple[Track, ...]
+
+
+def tracks_of(outcome: RunOutcome) -> Tracks:
+    """The ways of all robots, as the referee aligns them."""
+    simulation = outcome.simulation
+    history = simulation.history
+    matched = {}
+    for index, name in enumerate(simulation.names):
+        robot = outcome.robots.get(name)
+        if robot is not None and robot.trajectory is not None:
+            matched[name] = match(robot.trajectory, history.poses[:, index])
+    pairs = [found for found in matched.values() if found is not None]
+    T_world_team = align_team((found.final, found.true) for found in pairs)
+    T_world_odometry = align_team((found.dead_reckoned, found.true) for found in pairs)
+    tracks = []
+    for index, name in enumerate(simulation.names):
+        robot, found, belief = outcome.robots.get(name), matched.get(name), None
+        if robot is not None and robot.trajectory is not None and found is not None:
+            ticks = robot.trajectory.ticks
+            known = (ticks >= 0) & (ticks < len(history))
+            belief = Belief(
+                stamps=np.asarray(ticks[known] * simulation.scenario.tick_s, dtype=np.float64),
+                true=found.true,
+                final=compose(T_world_team.to_array(), found.final),
+                online=compose(T_world_team.to_array(), found.online),
+                dead_reckoned=compose(T_world_odometry.to_array(), found.dead_reckoned),
+            )
+        lived = int(history.present[:, index].sum())
+        stamps = np.arange(lived, dtype=np.float64) * simulation.scenario.tick_s
+        true = np.array(history.poses[:lived, index])
+        tracks.append(Track(name, stamps, true, belief, robot.note if robot else "no answer"))
+    return Tracks(T_world_team, tuple(tracks))

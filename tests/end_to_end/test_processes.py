@@ -1,0 +1,211 @@
+"""Real processes: the three ways to run agree, and any of them may die."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from protocol.messages import Report
+from robot.journal_file import read_records
+from station.free_port import free_port
+from station.hashes import run_hashes
+from station.hosts import Unwatched
+from station.launch import launch
+from station.observer import RunOutcome
+from world.process import INTERRUPTED
+from world.scenario import PaceConfig, RobotSpec, Scenario
+from world.simulation import TIME_LIMIT, Simulation
+
+KILL_S = 120.0
+# Long enough for whatever a test does to it, on however slow a machine.
+LONG = Scenario(map="office", max_sim_s=30.0)
+SHORT = Scenario(
+    map="rooms-small",
+    seed=3,
+    robots=(RobotSpec(name="r1"), RobotSpec(name="r2")),
+    max_sim_s=12.0,
+    # Hashes only agree when nobody is late: a loaded machine must not make anybody so.
+    pace=PaceConfig(deadline_s=60.0),
+)
+
+
+def children_of(pid: int) -> dict[str, int]:
+    """The live robots among a process's children, by name."""
+    found = {}
+    for folder in Path("/proc").iterdir():
+        try:
+            words = (folder / "cmdline").read_bytes().split(b"\0")
+            parent = int((folder / "stat").read_text().rpartition(")")[2].split()[1])
+        except (OSError, ValueError, IndexError):
+            continue
+        if parent == pid and b"robot" in words:
+            found[words[words.index(b"robot") + 1].decode()] = int(folder.name)
+    return found
+
+
+class AtTick(Unwatched):
+    """Does something once, at a tick, when all robots have reported."""
+
+    def __init__(self, tick: int, robot: str, number: signal.Signals) -> None:
+        self.tick, self.robot, self.number = tick, robot, number
+
+    def ticked(self, simulation: Simulation, reports: Mapping[str, Report]) -> None:
+        del reports
+        if simulation.tick == self.tick:
+            os.kill(children_of(os.getpid())[self.robot], self.number)
+
+
+@contextmanager
+def earshot(*arguments: str, cwd: Path) -> Iterator[subprocess.Popen[str]]:
+    """The command as a process that is not left behind."""
+    root = Path(__file__).resolve().parents[2]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "station.main", *arguments],
+        cwd=cwd,
+        env={**os.environ, "PYTHONPATH": str(root), "PYTHONUNBUFFERED": "1"},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+    )
+    timer = threading.Timer(KILL_S, process.kill)
+    timer.start()
+    try:
+        yield process
+    finally:
+        timer.cancel()
+        process.kill()
+        process.wait()
+        if process.stdout is not None:
+            process.stdout.close()
+
+
+def read_until(process: subprocess.Popen[str], pattern: str) -> str:
+    """Output up to the line that matches, or all of it."""
+    assert process.stdout is not None
+    read = []
+    for line in process.stdout:
+        read.append(line)
+        if re.search(pattern, line):
+            break
+    return "".join(read)
+
+
+@pytest.fixture(scope="module")
+def inline_run() -> RunOutcome:
+    return launch(SHORT, "inline")
+
+
+def test_in_memory_the_run_is_the_same(inline_run: RunOutcome) -> None:
+    assert run_hashes(launch(SHORT, "memory")) == run_hashes(inline_run)
+
+
+def test_in_processes_the_run_is_the_same(inline_run: RunOutcome, tmp_path: Path) -> None:
+    outcome = launch(SHORT, "processes", folder=tmp_path)
+    assert run_hashes(outcome) == run_hashes(inline_run)
+    assert outcome.exit_reason == inline_run.exit_reason
+    for name, robot in outcome.robots.items():
+        assert robot.note == ""
+        assert robot.peak_rss_mb is not None
+        assert 20.0 < robot.peak_rss_mb < 400.0
+        records = read_records(tmp_path / "journals" / f"{name}.0.journal")
+        assert robot.trajectory is not None
+        assert len(records) > 0
+        assert [report.tick for report in outcome.reports[name]] == [
+            report.tick for report in inline_run.reports[name]
+        ]
+    assert children_of(os.getpid()) == {}
+
+
+@pytest.mark.parametrize("hash_seed", ["1", "77"])
+def test_hash_seeds_change_nothing(
+    hash_seed: str, inline_run: RunOutcome, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PYTHONHASHSEED", hash_seed)  # of the robots: this process has its own
+    assert run_hashes(launch(SHORT, "processes")) == run_hashes(inline_run)
+
+
+def test_a_killed_robot_ends_nothing_for_the_others() -> None:
+    outcome = launch(LONG, "processes", AtTick(40, "r2", signal.SIGKILL))
+    assert outcome.exit_reason == TIME_LIMIT
+    assert outcome.simulation.alive == ("r1", "r3")
+    assert "lost" in outcome.robots["r2"].note
+    assert outcome.robots["r2"].map is None
+    for name in ("r1", "r3"):
+        trajectory = outcome.robots[name].trajectory
+        assert trajectory is not None
+        assert len(trajectory.ticks) == 301
+    assert children_of(os.getpid()) == {}
+
+
+def test_a_frozen_robot_is_stalled_and_carries_on_when_it_wakes() -> None:
+    class FreezeAndWake(AtTick):
+        def ticked(self, simulation: Simulation, reports: Mapping[str, Report]) -> None:
+            super().ticked(simulation, reports)
+            if simulation.tick == self.tick + 20:
+                os.kill(children_of(os.getpid())[self.robot], signal.SIGCONT)
+
+    scenario = LONG.model_copy(update={"pace": PaceConfig(deadline_s=1.0)})
+    outcome = launch(scenario, "processes", FreezeAndWake(40, "r2", signal.SIGSTOP))
+    assert outcome.exit_reason == TIME_LIMIT
+    assert outcome.simulation.alive == ("r1", "r2", "r3")
+    assert "stalled" in outcome.robots["r2"].note
+    trajectory = outcome.robots["r2"].trajectory
+    assert trajectory is not None
+    assert trajectory.ticks[-1] == 300
+    assert len(trajectory.ticks) < 300
+
+
+def test_an_exception_in_the_world_leaves_nothing_running() -> None:
+    class Fault(Unwatched):
+        def ticked(self, simulation: Simulation, reports: Mapping[str, Report]) -> None:
+            if simulation.tick == 5:
+                raise SystemError
+
+    with pytest.raises(SystemError):
+        launch(LONG, "processes", Fault())
+    assert children_of(os.getpid()) == {}
+
+
+def test_ctrl_c_ends_the_robots_and_still_reports(tmp_path: Path) -> None:
+    with earshot("run", "--headless", "--out", "out", cwd=tmp_path) as process:
+        read_until(process, r"t 0:\d")
+        robots = children_of(process.pid)
+        assert sorted(robots) == ["r1", "r2", "r3"]
+        process.send_signal(signal.SIGINT)
+        rest = read_until(process, "report: out")
+        assert process.wait(KILL_S) == 130
+    assert INTERRUPTED in rest
+    assert (tmp_path / "out" / "metrics.json").is_file()
+    for pid in robots.values():
+        assert not Path(f"/proc/{pid}").exists()
+
+
+def test_when_the_world_is_killed_robots_stop_and_say_so(tmp_path: Path) -> None:
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    world_command = ("world", "--robots", "1", "--map", "office", "--listen", endpoint)
+    with (
+        earshot(*world_command, "--headless", "--out", "out", cwd=tmp_path) as world,
+        earshot("robot", "r1", "--connect", endpoint, cwd=tmp_path) as robot,
+    ):
+        read_until(world, r"t 0:\d")
+        world.kill()
+        said = read_until(robot, "world")
+        assert robot.wait(KILL_S) == 3
+    assert "r1: the world is gone: wheels stopped" in said
+
+
+def test_a_robot_that_cannot_start_is_quoted(monkeypatch: pytest.MonkeyPatch) -> None:
+    from protocol.errors import EarshotError
+
+    robots = (RobotSpec(name="r1", engine="no-such-engine"),)
+    with pytest.raises(EarshotError, match="no-such-engine"):
+        launch(SHORT.model_copy(update={"robots": robots}), "processes")
+    assert children_of(os.getpid()) == {}

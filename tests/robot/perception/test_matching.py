@@ -1,0 +1,167 @@
+"""Scan matching and search against poses that are known exactly."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from protocol.config import LidarConfig
+from protocol.pose import IDENTITY, Pose2
+from robot.perception.field import CorrelationField
+from robot.perception.matching import match_returns
+from robot.perception.returns import Returns, describe_returns, noise_model
+from robot.perception.scan import LaserScan, beam_angles
+from robot.perception.search import Pyramid, Window, search
+
+LIDAR = LidarConfig(noise="none")
+HERE = Pose2(2.0, 2.5, 0.3)
+
+
+def returns_of(scan: LaserScan, lidar: LidarConfig = LIDAR) -> Returns:
+    return describe_returns(scan, noise_model(lidar), 20.0)
+
+
+def field_at(world, poses, lidar=LIDAR, rng=None) -> CorrelationField:
+    """A field in the world's own frame, drawn from scans at true poses."""
+    field = CorrelationField.around(12.0)
+    for pose in poses:
+        field.draw(pose, returns_of(world.scan(pose, lidar, rng), lidar))
+    return field
+
+
+def error(found: Pose2, truth: Pose2) -> tuple[float, float]:
+    off = truth.inverse() @ found
+    return math.hypot(off.x, off.y), abs(off.theta)
+
+
+@settings(max_examples=25, deadline=None)
+@given(
+    dx=st.floats(-0.06, 0.06),
+    dy=st.floats(-0.06, 0.06),
+    turn=st.floats(-0.03, 0.03),
+    x=st.floats(1.0, 2.6),
+    y=st.floats(1.7, 3.5),
+)
+def test_a_match_finds_the_true_pose(room, dx, dy, turn, x, y):
+    field = field_at(room, [HERE, Pose2(2.6, 2.2, 0.0)])
+    truth = Pose2(x, y, 0.2)
+    match = match_returns(field, returns_of(room.scan(truth, LIDAR)), truth @ Pose2(dx, dy, turn))
+    metres, radians = error(match.T_field_base, truth)
+    assert match.converged
+    assert metres < 0.01
+    assert radians < 0.003
+    assert match.score > 0.8
+
+
+def test_fields_have_no_half_cell_bias(room):
+    """Matches of scans from all over a cell err to all sides: an offset of the grid would show."""
+    rng = np.random.default_rng(4)
+    field = field_at(room, [Pose2(2.0 + 0.11 * i, 2.5 - 0.07 * i, 0.4 * i) for i in range(8)])
+    offsets = []
+    for _ in range(40):
+        truth = Pose2(rng.uniform(1.5, 2.8), rng.uniform(2.0, 3.0), rng.uniform(-3.0, 3.0))
+        found = match_returns(field, returns_of(room.scan(truth, LIDAR)), truth).T_field_base
+        offsets.append([found.x - truth.x, found.y - truth.y])
+    assert np.abs(np.mean(offsets, axis=0)).max() < 0.002
+
+
+def test_noisy_scans_match_to_a_centimetre(room):
+    lidar = LidarConfig(noise="modern")
+    rng = np.random.default_rng(5)
+    poses = [Pose2(1.5 + 0.2 * i, 2.5, 0.1 * i) for i in range(10)]
+    field = field_at(room, poses, lidar, rng)
+    errors = []
+    for i in range(30):
+        truth = Pose2(1.6 + 0.05 * i, 2.6, 0.5)
+        returns = returns_of(room.scan(truth, lidar, rng), lidar)
+        found = match_returns(field, returns, truth @ Pose2(0.03, -0.03, 0.01)).T_field_base
+        errors.append(error(found, truth))
+    metres, radians = np.sqrt(np.mean(np.square(errors), axis=0))
+    assert metres < 0.012
+    assert radians < 0.004
+
+
+def test_the_prior_decides_what_the_scan_does_not_hold(corridor):
+    """In a corridor without ends the pose along it is the odometry's, the rest the walls'."""
+    lidar = LidarConfig(noise="none", max_range_m=8.0)
+    field = field_at(corridor, [Pose2(0.0, 0.0, 0.0), Pose2(1.0, 0.0, 0.0)], lidar)
+    truth, prior = Pose2(0.5, 0.0, 0.0), Pose2(0.55, 0.04, 0.01)
+    information = np.diag([1e3, 1e3, 1e3])
+    match = match_returns(field, returns_of(corridor.scan(truth, lidar), lidar), prior, information)
+    assert match.T_field_base.x == pytest.approx(0.55, abs=0.01)
+    assert match.T_field_base.y == pytest.approx(0.0, abs=0.005)
+    assert match.T_field_base.theta == pytest.approx(0.0, abs=0.002)
+    assert match.information[0, 0] < 0.02 * match.information[1, 1]
+
+
+@pytest.mark.parametrize("fill", [np.nan, np.inf])
+def test_a_scan_without_returns_leaves_the_prior(room, fill):
+    blind = LaserScan(np.full(LIDAR.beams, fill), beam_angles(LIDAR), LIDAR.max_range_m)
+    match = match_returns(field_at(room, [HERE]), returns_of(blind), HERE)
+    assert match.T_field_base == HERE
+    assert match.reason == "few returns"
+    assert not match.converged
+    assert not match.information.any()
+
+
+def test_matching_outside_the_field_is_harmless(room):
+    far = Pose2(500.0, -300.0, 1.0)
+    match = match_returns(field_at(room, [HERE]), returns_of(room.scan(HERE, LIDAR)), far)
+    assert match.T_field_base == far
+    assert match.score == 0.0
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.7, 2.2, -2.9])
+def test_the_search_finds_a_pose_over_all_rotations(room, turn):
+    field = field_at(room, [HERE, Pose2(5.5, 2.5, 0.0), Pose2(4.0, 3.0, 0.0)]).cropped()
+    truth = Pose2(4.2, 2.1, turn)
+    returns = returns_of(room.scan(truth, LIDAR))
+    window = Window(Pose2(3.6, 2.7, 0.0), 1.5, math.pi)
+    peak = search(Pyramid.of(field, 1.5), returns.thinned(100), window, 0.3)
+    assert peak is not None
+    metres, radians = error(peak.pose, truth)
+    assert metres < 0.11
+    assert radians < 0.03
+    # Turned by half, the room differs in its three short walls alone.
+    assert peak.runner_up < 0.97 * peak.score
+    refined = match_returns(field, returns, peak.pose)
+    assert error(refined.T_field_base, truth)[0] < 0.01
+
+
+def test_the_search_equals_brute_force(room):
+    """Branch and bound may not miss what trying every cell finds."""
+    field = field_at(room, [HERE])
+    returns = returns_of(room.scan(Pose2(2.3, 2.3, 0.3), LIDAR)).thinned(40)
+    centre, half = Pose2(2.0, 2.6, 0.3), 0.6
+    peak = search(Pyramid.of(field, half), returns, Window(centre, half, 0.01), 0.0)
+    assert peak is not None
+    level = Pyramid.of(field, half).levels[0]
+    best = 0.0
+    for angle in np.unique([centre.theta, peak.pose.theta]):
+        points = Pose2(centre.x, centre.y, angle).apply(returns.points)
+        cells = np.floor((points - field.origin) / 0.05 + 0.5) // 2
+        for row in range(-6, 7):
+            for column in range(-6, 7):
+                r = (cells[:, 1] + row).astype(int)
+                c = (cells[:, 0] + column).astype(int)
+                best = max(best, float(level[r, c].astype(float).sum()))
+    assert peak.score == pytest.approx(best / (255.0 * len(returns)))
+
+
+def test_a_symmetric_place_is_called_ambiguous(square):
+    """In an empty square room a turn by 90° is as good: the runner-up must say so."""
+    field = field_at(square, [Pose2(0.0, 0.0, 0.0)])
+    returns = returns_of(square.scan(Pose2(0.1, 0.05, 0.0), LIDAR)).thinned(80)
+    peak = search(Pyramid.of(field, 0.5), returns, Window(IDENTITY, 0.5, math.pi), 0.3)
+    assert peak is not None
+    assert peak.runner_up > 0.9 * peak.score
+
+
+def test_nothing_to_find_is_none(room):
+    empty = CorrelationField.around(5.0)
+    returns = returns_of(room.scan(HERE, LIDAR)).thinned(80)
+    assert search(Pyramid.of(empty, 1.0), returns, Window(IDENTITY, 1.0, 1.0), 0.3) is None
+    nothing = Returns(np.empty((0, 6)), np.empty(0, dtype=np.int64))
+    assert search(Pyramid.of(empty, 1.0), nothing, Window(IDENTITY, 1.0, 1.0), 0.3) is None

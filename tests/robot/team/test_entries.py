@@ -1,0 +1,112 @@
+"""Entries and scans survive their encodings, and nothing else is taken for one."""
+
+import contextlib
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from protocol.errors import MalformedMessageError
+from protocol.pose import Pose2
+from robot.slam.engine import Anchor, Closure, Keyframe
+from robot.team.beacon import Beacon, decode_beacon, encode_beacon
+from robot.team.entries import Hello, decode_entry, encode_entry
+from robot.team.journal import EntryName, LogName, decode_record, encode_record
+from robot.team.scan_codec import RESOLUTION_M, compress_scan, decompress_scan
+
+POSE = Pose2(1.25, -0.5, 0.75)
+MATRIX = np.array([[4.0, 1.0, 0.5], [1.0, 3.0, 0.25], [0.5, 0.25, 2.0]])
+
+beam = st.one_of(st.floats(0.0, 100.0), st.just(float("inf")), st.just(float("nan")))
+
+
+@given(st.lists(beam, max_size=300))
+def test_a_scan_survives_within_half_a_step(values: list[float]) -> None:
+    ranges = np.array(values, dtype=np.float64)
+    back = decompress_scan(compress_scan(ranges))
+    hits = np.isfinite(ranges)
+    assert np.array_equal(np.isnan(ranges), np.isnan(back))
+    assert np.array_equal(np.isinf(ranges), np.isinf(back))
+    assert np.all(np.abs(back[hits] - ranges[hits]) <= RESOLUTION_M / 2 + 1e-9)
+
+
+def test_a_scan_of_a_room_is_small() -> None:
+    angles = np.linspace(-np.pi, np.pi, 257, endpoint=False)
+    walls = np.minimum(4.0 / np.abs(np.cos(angles) + 1e-9), 3.0 / np.abs(np.sin(angles) + 1e-9))
+    noise = np.random.default_rng(1).normal(0.0, 0.02, 257)
+    assert len(compress_scan(walls + noise)) < 300
+
+
+@given(st.binary(max_size=200))
+def test_no_bytes_break_the_decoders(data: bytes) -> None:
+    for decode in (
+        decompress_scan,
+        decode_beacon,
+        decode_record,
+        lambda body: decode_entry(body, 0),
+    ):
+        with contextlib.suppress(MalformedMessageError):
+            decode(data)
+
+
+@pytest.mark.parametrize(
+    "entry",
+    [
+        Anchor(3, POSE, MATRIX),
+        Closure(1, 7, POSE, MATRIX),
+        Keyframe(5, 120, 2, POSE, MATRIX, np.array([1.0, np.inf, np.nan, 2.5])),
+    ],
+)
+def test_entries_survive(entry: Anchor | Closure | Keyframe) -> None:
+    back = decode_entry(encode_entry(entry), 5)
+    assert type(back) is type(entry)
+    for name in type(entry).__slots__:
+        ours, theirs = getattr(entry, name), getattr(back, name)
+        if isinstance(ours, np.ndarray):
+            np.testing.assert_allclose(theirs, ours)
+        else:
+            assert theirs == ours
+
+
+@pytest.mark.parametrize("start", [None, Pose2(0.1, 0.2, 0.3)])
+def test_hello_survives(start: Pose2 | None) -> None:
+    hello = Hello(start, 257, -np.pi, 0.0244, 12.0, 0.2)
+    assert decode_entry(encode_entry(hello), 0) == hello
+
+
+def test_every_truncation_is_noticed() -> None:
+    body = encode_entry(Keyframe(0, 1, 0, POSE, MATRIX, np.linspace(1.0, 5.0, 50)))
+    for length in range(len(body)):
+        with pytest.raises(MalformedMessageError):
+            decode_entry(body[:length], 0)
+
+
+def test_values_out_of_bounds_are_refused() -> None:
+    with pytest.raises(MalformedMessageError):
+        decode_entry(encode_entry(Anchor(0, Pose2(float("nan"), 0.0, 0.0), MATRIX)), 0)
+    with pytest.raises(MalformedMessageError):
+        decode_entry(encode_entry(Anchor(0, POSE, -MATRIX)), 0)
+    with pytest.raises(MalformedMessageError):
+        decode_entry(encode_entry(Closure(4, 4, POSE, MATRIX)), 0)
+
+
+def test_a_scan_that_inflates_without_end_is_refused() -> None:
+    import zlib
+
+    deflate = zlib.compressobj(9, zlib.DEFLATED, -15)
+    bomb = deflate.compress(bytes(50_000_000)) + deflate.flush()
+    with pytest.raises(MalformedMessageError):
+        decompress_scan(bomb)
+
+
+def test_beacons_and_records_survive() -> None:
+    beacon = Beacon(
+        2, 5, POSE, np.array([0.5, 0.25, 0.125]), None, True, ("r2",), {LogName("r1", 2): 17}
+    )
+    back = decode_beacon(encode_beacon(beacon))
+    assert back.T_anchor_base == POSE
+    assert (back.incarnation, back.anchor, back.finished) == (2, 5, True)
+    assert (back.hears, back.vector) == (("r2",), {LogName("r1", 2): 17})
+    name = EntryName(LogName("r1", 0), 9)
+    assert decode_record(encode_record(name, b"body")) == (name, b"body")

@@ -1,0 +1,185 @@
+"""Journals that meet become equal, whatever the link does to the frames."""
+
+import numpy as np
+import pytest
+
+from protocol.config import PoseModel, RadioConfig, RobotConfig
+from protocol.messages import HeardFrame, RadioFrame
+from protocol.pose import IDENTITY, Pose2
+from robot.jobs import Jobs
+from robot.slam.engine import Anchor, Closure, Entry, Keyframe
+from robot.team.gossip import ENTRIES
+from robot.team.journal import EntryName, Journal, LogName
+from robot.team.team import LiveState, Team
+
+TEAM = ("r1", "r2", "r3", "r4")
+LIVE = LiveState(0, IDENTITY, np.eye(3) * 1e-4, None, False)
+
+
+def make_team(name: str, beams: int = 60, bytes_per_tick: int = 12_000) -> Team:
+    config = RobotConfig(
+        name=name,
+        team=TEAM,
+        start=PoseModel(x_m=float(TEAM.index(name)), y_m=0.0, theta_rad=0.0),
+        radio=RadioConfig(bytes_per_tick=bytes_per_tick),
+    )
+    config = config.model_copy(update={"lidar": config.lidar.model_copy(update={"beams": beams})})
+    return Team(config, 0, Jobs())
+
+
+def knowledge(name: str, count: int, beams: int = 60) -> list[Entry]:
+    rng = np.random.default_rng(TEAM.index(name))
+    start = Pose2(float(TEAM.index(name)), 0.0, 0.0)
+    entries: list[Entry] = [Anchor(0, start, np.eye(3))]
+    for index in range(count):
+        if index % 10 == 9:
+            entries.append(Anchor(index // 10 + 1, Pose2(1.0, 0.1, 0.1), np.eye(3) * 1e4))
+        pose = Pose2(0.1 * (index % 10), 0.0, 0.0)
+        scan = rng.uniform(1.0, 5.0, beams)
+        entries.append(Keyframe(index, index, index // 10, pose, np.eye(3), scan))
+    return entries
+
+
+def exchange(
+    teams: dict[str, Team],
+    ticks: range,
+    links: set[frozenset[str]],
+    rng: np.random.Generator | None = None,
+    loss: float = 0.0,
+) -> None:
+    """Let robots speak each tick; with `rng`, frames are lost, repeated and put out of order."""
+    air: list[tuple[str, int, RadioFrame]] = []
+    for tick in ticks:
+        arriving: dict[str, list[HeardFrame]] = {name: [] for name in teams}
+        for sender, sent, frame in air:
+            for name in teams:
+                if name == sender or frame.to not in ("*", name):
+                    continue
+                if frozenset((sender, name)) not in links:
+                    continue
+                copies = 1 if rng is None else int(rng.uniform() >= loss) * int(rng.integers(1, 3))
+                heard = HeardFrame(
+                    sender=sender,
+                    sent_tick=sent,
+                    to=frame.to,
+                    kind=frame.kind,
+                    payload=frame.payload,
+                )
+                arriving[name] += [heard] * copies
+        air = []
+        for name, team in teams.items():
+            frames = arriving[name]
+            if rng is not None:
+                frames = [frames[i] for i in rng.permutation(len(frames))]
+            team.hear(tick, tuple(frames))
+            air += [(name, tick, frame) for frame in team.speak(tick, LIVE)]
+
+
+def test_two_robots_that_meet_know_the_same() -> None:
+    teams = {name: make_team(name) for name in ("r1", "r2")}
+    for name, team in teams.items():
+        team.write(knowledge(name, 40))
+    exchange(teams, range(20), {frozenset(("r1", "r2"))})
+    one, two = teams["r1"], teams["r2"]
+    assert len(one.journal) == len(two.journal) == 2 * (40 + 5 + 1)
+    assert one.journal.digest() == two.journal.digest()
+
+
+def test_entries_travel_through_a_third_robot() -> None:
+    teams = {name: make_team(name) for name in ("r1", "r2", "r3")}
+    for name, team in teams.items():
+        team.write(knowledge(name, 12))
+    exchange(teams, range(20), {frozenset(("r1", "r2"))})
+    exchange(teams, range(20, 40), {frozenset(("r2", "r3"))})
+    assert teams["r3"].journal.count_of("r1") == 12 + 3
+    assert teams["r2"].journal.digest() == teams["r3"].journal.digest()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_loss_repetition_and_order_only_delay(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    teams = {name: make_team(name) for name in TEAM}
+    links = {frozenset((a, b)) for a in TEAM for b in TEAM if a < b}
+    for name, team in teams.items():
+        team.write(knowledge(name, 30))
+    exchange(teams, range(400), links, rng, loss=0.3)
+    digests = {team.journal.digest() for team in teams.values()}
+    assert len(digests) == 1
+    assert len(teams["r1"].journal) == 4 * (30 + 4 + 1)
+    assert not any(team.malformed for team in teams.values())
+
+
+def test_nothing_new_is_sent_between_equals() -> None:
+    teams = {name: make_team(name) for name in ("r1", "r2")}
+    teams["r1"].write(knowledge("r1", 20))
+    exchange(teams, range(20), {frozenset(("r1", "r2"))})
+    frames = [frame for tick in range(20, 60) for frame in teams["r1"].speak(tick, LIVE)]
+    assert not [frame for frame in frames if frame.kind == ENTRIES]
+
+
+def test_the_capacity_of_the_link_is_respected() -> None:
+    teams = {name: make_team(name, bytes_per_tick=2000) for name in ("r1", "r2")}
+    teams["r1"].write(knowledge("r1", 200))
+    sizes: list[int] = []
+    two = teams["r2"]
+    for tick in range(150):
+        frames = teams["r1"].speak(tick, LIVE)
+        sizes.append(sum(frame.size_bytes for frame in frames))
+        two.hear(tick, tuple(heard("r1", tick, frame) for frame in frames))
+        answer = two.speak(tick, LIVE)
+        teams["r1"].hear(tick, tuple(heard("r2", tick, frame) for frame in answer))
+    assert max(sizes) <= 2000
+    assert two.journal.count_of("r1") == teams["r1"].journal.count_of("r1")
+
+
+def test_a_long_entry_travels_in_parts() -> None:
+    teams = {name: make_team(name, beams=4000) for name in ("r1", "r2")}
+    teams["r1"].write(knowledge("r1", 2, beams=4000))
+    exchange(teams, range(30), {frozenset(("r1", "r2"))})
+    assert teams["r1"].journal.digest() == teams["r2"].journal.digest()
+    log = teams["r2"].graph.log(LogName("r1", 0))
+    assert log is not None
+    assert len(log.keyframes) == 2
+
+
+def test_joint_solutions_are_equal_to_the_last_bit() -> None:
+    teams = {name: make_team(name) for name in ("r1", "r2", "r3")}
+    for name, team in teams.items():
+        team.write(knowledge(name, 40))
+        team.write([Closure(0, 3, Pose2(2.9, 0.8, 0.35), np.eye(3) * 1e3)])
+    links = {frozenset(("r1", "r2")), frozenset(("r2", "r3"))}
+    exchange(teams, range(120), links, np.random.default_rng(7), loss=0.2)
+    for tick in range(120, 160):
+        for team in teams.values():
+            team.solve(tick)
+    reference = teams["r1"].solution
+    assert len(reference) == 3
+    for team in teams.values():
+        for log, poses in reference.items():
+            assert np.array_equal(team.solution[log], poses)
+
+
+def test_the_first_body_under_a_name_stays() -> None:
+    journal = Journal()
+    name = EntryName(LogName("r1", 0), 0)
+    assert journal.add(name, b"first")
+    assert not journal.add(name, b"second")
+    assert journal.body(name) == b"first"
+    assert journal.conflicts == 1
+
+
+def test_malformed_frames_are_counted_and_dropped() -> None:
+    team = make_team("r1")
+    before = team.journal.digest()
+    for kind in ("beacon", "entries", "part", "nonsense"):
+        for payload in (b"", b"\xc1", b"\x93\x01\x02\x03", b"\x91\x94\xa2r2\x00\x00\x01"):
+            team.hear(3, (heard("r2", 2, RadioFrame(kind=kind, payload=payload)),))
+    team.hear(3, (heard("stranger", 2, RadioFrame(kind="beacon", payload=b"")),))
+    assert sum(team.malformed.values()) == 17
+    assert team.journal.digest() == before
+
+
+def heard(sender: str, tick: int, frame: RadioFrame) -> HeardFrame:
+    return HeardFrame(
+        sender=sender, sent_tick=tick, to=frame.to, kind=frame.kind, payload=frame.payload
+    )

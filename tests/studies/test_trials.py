@@ -1,0 +1,41 @@
+"""The trial runner keeps what it has done, and says no to what it cannot do."""
+
+from pathlib import Path
+
+import pytest
+
+from studies.trials import main, parse_seeds, run_trial, table, trials
+from world.scenario import RobotSpec, Scenario
+
+SHORT = Scenario(map="rooms-small", max_sim_s=2.0, robots=(RobotSpec(name="r1"),))
+
+
+def test_seeds_are_ranges_and_lists() -> None:
+    assert parse_seeds("0-3,7") == [0, 1, 2, 3, 7]
+    for nonsense in ("", "a", "3-", "-1", "4-2"):
+        with pytest.raises(ValueError):
+            parse_seeds(nonsense)
+
+
+def test_a_finished_trial_is_not_run_again(tmp_path: Path) -> None:
+    first = run_trial(SHORT, tmp_path / "seed-0")
+    written = (tmp_path / "seed-0" / "trial.json").stat().st_mtime_ns
+    (again,) = trials(SHORT, [0], tmp_path, workers=1)
+    assert again["hashes"] == first["hashes"]
+    assert (tmp_path / "seed-0" / "trial.json").stat().st_mtime_ns == written
+    assert "time limit" in table([again])
+
+
+def test_another_scenario_in_the_same_folder_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run_trial(SHORT, tmp_path / "seed-0")
+    code = main(["--map", "rooms-small", "--seeds", "0", "--out", str(tmp_path)])
+    assert code == 2
+    assert "another scenario" in capsys.readouterr().err
+
+
+def test_an_unknown_map_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    code = main(["--map", "nowhere", "--seeds", "0", "--workers", "1", "--out", str(tmp_path)])
+    assert code == 2
+    assert len(capsys.readouterr().err.strip().splitlines()) == 1

@@ -1,0 +1,176 @@
+"""The referee: how good the robots' maps and trajectories are, by the truth they cannot see."""
+
+from collections.abc import Mapping
+
+from pydantic import Field
+
+from protocol.messages import GridPatch, MapReply, TrajectoryReply
+from protocol.model import Model
+from protocol.pose import IDENTITY, Pose2
+from world.accuracy import Track, align_team, distances, match, rmse
+from world.simulation import Simulation
+from world.truth import MapTruth
+
+Reply = tuple[MapReply | None, TrajectoryReply | None]
+
+
+class Accuracy(Model):
+    """Root mean square of position errors (m): of the trajectory as optimised at the end, of the
+    estimate at its own tick, and of wheel odometry alone. None where there is no trajectory."""
+
+    ate_rmse_m: float | None
+    ate_online_rmse_m: float | None
+    dead_reckoning_rmse_m: float | None
+
+
+class RobotScore(Accuracy):
+    """What one robot achieved."""
+
+    coverage_own: float | None = Field(description="of its own map alone; None without a map")
+    coverage_joint: float | None = Field(description="of its joint map; None without a map")
+    collisions: int
+    driven_m: float
+    ledger_equal: bool | None = Field(description="its counts are the world's; None if it died")
+
+
+class WallScore(Model):
+    """Of the wall cells: how many are in the joint maps, and how many of those are true."""
+
+    recall: float
+    precision: float
+
+
+class LedgerScore(Model):
+    """Whether what robots say they sent and heard is what the world counted."""
+
+    equal: bool
+
+
+class RadioScore(Model):
+    """Over all ordered pairs of robots."""
+
+    frames_offered: int
+    frames_delivered: int
+    bytes_offered: int
+    bytes_delivered: int
+
+
+class Score(Model):
+    """A run in numbers; shares are between 0 and 1."""
+
+    coverage: float
+    coverage_worst_joint: float
+    target_m2: float
+    walls: WallScore
+    team: Accuracy
+    robots: dict[str, RobotScore]
+    collisions: int
+    ledger: LedgerScore
+    radio: RadioScore
+    sim_s: float
+
+
+class Referee:
+    """Judges one run. What the truth is follows from the map and the starts, once."""
+
+    def __init__(self, simulation: Simulation) -> None:
+        self._simulation = simulation
+        radius = simulation.scenario.body.radius_m
+        self.truth = MapTruth(simulation.terrain, simulation.starts, radius)
+
+    def coverage(self, maps: Mapping[str, GridPatch], T_world_map: Pose2 = IDENTITY) -> float:
+        """The share of the target that is known correctly in these maps together."""
+        return self.truth.known(
+            self.truth.target, [(maps[name], T_world_map) for name in sorted(maps)]
+        )
+
+    def score(self, replies: Mapping[str, Reply]) -> Score:
+        """The score of what the robots answered at the end; dead ones answered nothing."""
+        names = self._simulation.names
+        tracks = self._tracks(replies)
+        T_world_map = align_team((track.final, track.true) for track in tracks.values())
+        T_world_odom = align_team((track.dead_reckoned, track.true) for track in tracks.values())
+        maps = {n: reply[0] for n in names if (reply := replies.get(n, (None, None)))[0]}
+        robots = {
+            name: self._score_robot(
+                name, replies.get(name, (None, None)), tracks.get(name), T_world_map, T_world_odom
+            )
+            for name in names
+        }
+        joint = [(reply.joint, T_world_map) for reply in maps.values() if reply]
+        joint_shares = [r.coverage_joint for r in robots.values() if r.coverage_joint is not None]
+        offered = self._simulation.ledger.offered.sum(axis=(0, 1))
+        delivered = self._simulation.ledger.delivered.sum(axis=(0, 1))
+        self._simulation.ledger.check()
+        return Score(
+            coverage=self.coverage({n: r.own for n, r in maps.items() if r}, T_world_map),
+            coverage_worst_joint=min(joint_shares, default=0.0),
+            target_m2=self.truth.target_m2,
+            walls=WallScore(
+                recall=self.truth.known(self.truth.walls, joint),
+                precision=self.truth.precision(joint),
+            ),
+            team=_accuracy(list(tracks.values()), T_world_map, T_world_odom),
+            robots=robots,
+            collisions=sum(robot.collisions for robot in robots.values()),
+            ledger=LedgerScore(
+                equal=all(robot.ledger_equal is not False for robot in robots.values())
+            ),
+            radio=RadioScore(
+                frames_offered=int(offered[0]),
+                frames_delivered=int(delivered[0]),
+                bytes_offered=int(offered[1]),
+                bytes_delivered=int(delivered[1]),
+            ),
+            sim_s=self._simulation.stamp,
+        )
+
+    def _tracks(self, replies: Mapping[str, Reply]) -> dict[str, Track]:
+        """What can be compared, by robot, in the order of the scenario."""
+        tracks = {}
+        for i, name in enumerate(self._simulation.names):
+            _, trajectory = replies.get(name, (None, None))
+            if trajectory is not None:
+                track = match(trajectory, self._simulation.history.poses[:, i])
+                if track is not None:
+                    tracks[name] = track
+        return tracks
+
+    def _score_robot(
+        self,
+        name: str,
+        reply: Reply,
+        track: Track | None,
+        T_world_map: Pose2,
+        T_world_odom: Pose2,
+    ) -> RobotScore:
+        simulation, (patches, trajectory) = self._simulation, reply
+        accuracy = _accuracy([track] if track else [], T_world_map, T_world_odom)
+        own = self.coverage({name: patches.own}, T_world_map) if patches else None
+        joint = self.coverage({name: patches.joint}, T_world_map) if patches else None
+        return RobotScore(
+            **accuracy.model_dump(),
+            coverage_own=own,
+            coverage_joint=joint,
+            collisions=simulation.collisions[name],
+            driven_m=simulation.history.driven_m(simulation.names.index(name)),
+            ledger_equal=self._ledger_equal(name, trajectory) if trajectory else None,
+        )
+
+    def _ledger_equal(self, name: str, reply: TrajectoryReply) -> bool:
+        i, ledger = self._simulation.names.index(name), self._simulation.ledger
+        sent, heard = ledger.sent[i].tolist(), ledger.heard[i].tolist()
+        return [reply.frames_sent, reply.bytes_sent, reply.frames_heard, reply.bytes_heard] == [
+            *sent,
+            *heard,
+        ]
+
+
+def _accuracy(tracks: list[Track], T_world_map: Pose2, T_world_odom: Pose2) -> Accuracy:
+    return Accuracy(
+        ate_rmse_m=rmse(distances(T_world_map, t.final, t.true) for t in tracks),
+        ate_online_rmse_m=rmse(distances(T_world_map, t.online, t.true) for t in tracks),
+        dead_reckoning_rmse_m=rmse(
+            distances(T_world_odom, t.dead_reckoned, t.true) for t in tracks
+        ),
+    )
