@@ -53,9 +53,10 @@ def read_carmen(path: Path) -> Iterator[CarmenScan | CarmenOdometry]:
     try:
         with _open(path) as lines:
             for number, line in enumerate(lines, start=1):
-                if line.startswith("FLASER "):
+                keyword = line.partition(" ")[0].strip()
+                if keyword == "FLASER":
                     yield _scan(line, path, number)
-                elif line.startswith("ODOM "):
+                elif keyword == "ODOM":
                     yield _odometry(line, path, number)
     except (OSError, EOFError, UnicodeDecodeError) as error:
         raise CarmenError(f"{path}: not a readable CARMEN log ({error})") from error

@@ -33,7 +33,9 @@ def run(args: argparse.Namespace) -> int:
     from protocol.interrupt import interrupts
     from robot.brain import Brain
     from robot.process import run_robot
+    from station.warm_up import ensure_warm
 
+    ensure_warm()  # before anybody waits for this robot
     if not args.connect and not args.config:
         args.connect = ["tcp/127.0.0.1:7447"]
     config = bus_config_from(args, "client").model_copy(update={"connect_timeout_s": args.wait})

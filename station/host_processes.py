@@ -15,6 +15,7 @@ from station.child import Child, children
 from station.free_port import free_port
 from station.hosts import LaunchError, Played, Relay, played
 from station.observer import Observer
+from station.warm_up import is_warm, warm_up
 from world.process import WorldProcess
 from world.simulation import Simulation
 
@@ -32,6 +33,8 @@ def play_processes(
 
     Raises LaunchError when a robot dies before the run begins.
     """
+    if not is_warm():  # once here, and not in every robot at the same time
+        warm_up()
     with _folder(folder) as kept, _free_router() as (bus, endpoint), children() as family:
         sampled = _MemorySampled(observer, family)
         world = WorldProcess(

@@ -17,7 +17,7 @@ from protocol.pose import FloatArray
 from station.formats import PoseGraph, Trajectory, write_g2o, write_text, write_tum
 from station.live_status import grid_of
 from station.observer import RunOutcome
-from station.report_folder import run_folder
+from station.report_folder import TRUE_TRAJECTORY, clear_report
 from station.report_links import draw_links
 from station.report_metrics import Metrics, measure
 from station.report_progress import draw_progress
@@ -26,8 +26,6 @@ from station.report_tables import ledger_table, metrics_table
 from station.report_team import draw_team
 from station.report_tracks import Tracks, tracks_of
 from station.wording import centimetres, clock_time, describe, percent
-
-__all__ = ["TEAM_PICTURE", "run_folder", "team_map", "write_report"]
 
 TEAM_PICTURE = "team.png"
 
@@ -41,6 +39,7 @@ def write_report(
     writes what there is of a run in which robots died or that was interrupted, and says so.
     """
     folder.mkdir(parents=True, exist_ok=True)
+    clear_report(folder)
     metrics = measure(outcome)
     _write_scenario(outcome, folder / "scenario.yaml")
     write_text(folder / "metrics.json", metrics.model_dump_json(indent=2) + "\n")
@@ -95,7 +94,7 @@ def _write_robots(outcome: RunOutcome, folder: Path) -> None:
         stamps = np.arange(len(history), dtype=np.float64) * tick_s
         lived = history.present[:, index]
         true = Trajectory(stamps[lived], history.poses[lived, index])
-        write_tum(true, place / "true.tum")
+        write_tum(true, place / TRUE_TRAJECTORY)
         robot = outcome.robots.get(name)
         if robot is not None and robot.trajectory is not None:
             _write_trajectories(robot.trajectory, place)

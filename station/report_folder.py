@@ -8,6 +8,14 @@ from protocol.errors import EarshotError
 
 RUNS = Path("runs")
 LATEST = "latest"
+TRUE_TRAJECTORY = "true.tum"
+TEAM_FILES = ("team.yaml", "team.pgm")
+ROBOT_FILES = (
+    TRUE_TRAJECTORY,
+    *(f"{what}.tum" for what in ("estimated", "online", "dead_reckoned")),
+    *(f"{what}_map.{kind}" for what in ("own", "joint") for kind in ("yaml", "pgm")),
+    "graph.g2o",
+)
 
 
 class ReportFolderError(EarshotError):
@@ -32,6 +40,21 @@ def run_folder(out: Path | None, now: datetime | None = None) -> Path:
             "--out DIR puts it elsewhere"
         ) from error
     return folder
+
+
+def clear_report(folder: Path) -> None:
+    """Remove what an earlier report left that a new one may not write again, and nothing else.
+
+    Otherwise a robot that died this time would seem to have answered.
+    """
+    robots = [trajectory.parent for trajectory in folder.glob(f"*/{TRUE_TRAJECTORY}")]
+    for name in TEAM_FILES:
+        (folder / name).unlink(missing_ok=True)
+    for place in robots:
+        for name in ROBOT_FILES:
+            (place / name).unlink(missing_ok=True)
+        if not any(place.iterdir()):
+            place.rmdir()
 
 
 def _new_folder(runs: Path, now: datetime) -> Path:

@@ -117,7 +117,7 @@ def _scale_bar(axes: Any, left: float, right: float, bottom: float) -> None:
     """As long as a round number of metres that is about a sixth of the picture."""
     wanted = (right - left) / 6.0
     length = max((bar for bar in SCALE_BARS_M if bar <= wanted), default=SCALE_BARS_M[0])
-    x, y = left + 0.012 * (right - left), bottom + 0.15
+    x, y = left + 0.012 * (right - left), bottom + 0.5 * MARGIN_M
     axes.plot([x, x + length], [y, y], color=INK, lw=3, solid_capstyle="butt", zorder=9)
     axes.annotate(
         f"{length} m",

@@ -5,18 +5,18 @@ folder that is named by the content of all kernel files (`protocol.environment`)
 shipped maps call them with the very arguments of real runs.
 """
 
+import hashlib
 import os
+import signal
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from protocol.environment import kernel_files
 
-DONE_MARK = "warmed-up"
 POLL_S = 0.5
-
-Progress = Callable[[int, int], None]
 
 
 def ensure_warm() -> None:
@@ -24,47 +24,68 @@ def ensure_warm() -> None:
     if is_warm():
         return
     print("compiling kernels (once, about half a minute)", flush=True)
-    warm_up(_show)
-    print("  done", flush=True)
-
-
-def _show(compiled: int, total: int) -> None:
-    end = "\r" if sys.stdout.isatty() else "\n"
-    print(f"  {compiled} of {total} kernels", end=end, flush=True)
+    with _ended_by_interrupt(), _progress_shown():
+        warm_up()
+    print("  done                 ", flush=True)
 
 
 def is_warm() -> bool:
-    """Whether the kernels, as they are now, were compiled before."""
-    return (cache_folder() / DONE_MARK).exists()
+    """Whether the kernels, as they are now and where they are now, were compiled before."""
+    return _mark().exists()
 
 
 def cache_folder() -> Path:
     return Path(os.environ["NUMBA_CACHE_DIR"])
 
 
-def warm_up(progress: Progress) -> None:
-    """Compile what a run needs; `progress` hears now and then how many of how many are done."""
+def warm_up() -> None:
+    """Call every kernel that a run needs, so that each is compiled and kept."""
+    _call_kernels()
+    cache_folder().mkdir(parents=True, exist_ok=True)
+    _mark().touch()
+
+
+@contextmanager
+def _ended_by_interrupt() -> Iterator[None]:
+    """A KeyboardInterrupt within numba comes out as errors of its own: let the signal end us."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_DFL)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+@contextmanager
+def _progress_shown() -> Iterator[None]:
+    """Print how many kernels are in the cache whenever there are more, while the block runs."""
     total = sum(path.read_text(encoding="utf-8").count("\n@kernel") for path in kernel_files())
+    end = "\r" if sys.stdout.isatty() else "\n"
     done = threading.Event()
 
     def tell() -> None:
         told = -1
         while not done.wait(POLL_S):
-            compiled = _compiled()
+            compiled = min(_compiled(), total)
             if compiled != told:
-                progress(compiled, total)
+                print(f"  {compiled} of {total} kernels", end=end, flush=True)
             told = compiled
 
     teller = threading.Thread(target=tell)
     teller.start()
     try:
-        _call_kernels()
+        yield
     finally:
         done.set()
         teller.join()
-    progress(_compiled(), total)
-    cache_folder().mkdir(parents=True, exist_ok=True)
-    (cache_folder() / DONE_MARK).touch()
+
+
+def _mark() -> Path:
+    """numba compiles anew for a file elsewhere or with another time stamp, also if it is equal."""
+    stamps = [(str(path), path.stat().st_mtime_ns) for path in kernel_files()]
+    return cache_folder() / f"warm-{hashlib.sha256(repr(stamps).encode()).hexdigest()[:16]}"
 
 
 def _compiled() -> int:

@@ -16,6 +16,12 @@ from protocol.pose import FloatArray
 
 BoolArray = npt.NDArray[np.bool_]
 ByteArray = npt.NDArray[np.uint8]
+IntArray = npt.NDArray[np.int64]
+
+# Far above what rounding does to coordinates of any map, in cells, and far below a cell.
+BESIDE = 1e-7
+# A direction with less of an axis in it does not move along that axis.
+PARALLEL = 1e-12
 
 
 @kernel
@@ -40,33 +46,74 @@ def free_squares(solid: BoolArray) -> ByteArray:
 
 
 @inlined
-def crossed(
+def cell_beside(
     start: float,
-    slope: float,
-    inverse: float,
-    first: int,
+    inverse_slope: float,
+    cell: int,
     step: int,
     most: int,
     t: float,
     inclusive: bool,
 ) -> int:
-    """How many of the next `most` cell borders (at first, first + step, …) a ray that starts at
-    `start` has crossed at t. Decided by the very numbers that a walk cell by cell compares, so
-    that skipping cells changes nothing, not even the last bit."""
-    # The guess may be off by a rounding error; the comparisons below settle it.
-    guess = (start + t * slope - first) * step + 1.0
-    count = min(max(int(guess), 0), most)
-    while count < most:
-        border = (first + step * count - start) * inverse
-        if not (border < t or (inclusive and border == t)):
+    """The row (or column) at t of a ray beside a border; it was in `cell` and crosses at most
+    `most` borders.
+
+    Rounding could put the ray on either side. The very numbers decide that a walk cell by cell
+    compares, so that skipping cells changes not a bit.
+    """
+    border = cell + (step + 1) // 2
+    for _ in range(most):
+        reached = (border - start) * inverse_slope
+        if reached > t or (reached == t and not inclusive):
             break
-        count += 1
-    while count > 0:
-        border = (first + step * (count - 1) - start) * inverse
-        if border < t or (inclusive and border == t):
-            break
-        count -= 1
-    return count
+        cell += step
+        border += step
+    return cell
+
+
+@inlined
+def leap(
+    x: float,
+    y: float,
+    dx: float,
+    dy: float,
+    ix: float,
+    iy: float,
+    c: int,
+    r: int,
+    side: int,
+) -> tuple[float, int, int]:
+    """Where a ray leaves the free square of `side` cells ahead of cell (r, c): t, and the column
+    and row that it enters. A ray through a corner enters the row first."""
+    # Selections in place of branches: which border comes first is a toss-up for the processor.
+    left, down = int(dx < -PARALLEL), int(dy < -PARALLEL)
+    sx, sy = 1 - 2 * left, 1 - 2 * down
+    next_c, next_r = c + sx * side, r + sy * side
+    tx = (next_c + left - x) * ix
+    ty = (next_r + down - y) * iy
+    sideways = tx < ty
+    t = tx if sideways else ty
+    start, slope = (y, dy) if sideways else (x, dx)
+    at = start + slope * t
+    along = int(at)
+    if not BESIDE < at - along < 1.0 - BESIDE:
+        if sideways:
+            along = cell_beside(y, iy, r, sy, side - 1, t, True)
+        else:
+            along = cell_beside(x, ix, c, sx, side - 1, t, False)
+    return t, (next_c if sideways else along), (along if sideways else next_r)
+
+
+@inlined
+def inverse(slope: float) -> float:
+    """1 / slope; rays that are nearly parallel to an axis never cross the other one's borders."""
+    return 1.0 / slope if abs(slope) > PARALLEL else math.inf
+
+
+@inlined
+def quadrant(dx: float, dy: float) -> int:
+    """The quadrant of `squares` that a ray points into."""
+    return int(dx < -PARALLEL) + 2 * int(dy < -PARALLEL)
 
 
 @inlined
@@ -74,35 +121,61 @@ def cast(squares: ByteArray, x: float, y: float, dx: float, dy: float, limit: fl
     """The range (cells) at which a ray enters its first solid cell, +inf beyond `limit`.
 
     Amanatides and Woo, "A fast voxel traversal algorithm", 1987, over squares of free cells in
-    place of single ones. A ray through a corner enters the row first.
+    place of single ones.
     """
     c, r = math.floor(x), math.floor(y)
-    # Nearly axis-parallel rays never cross the borders of the other axis.
-    sx = -1 if dx < -1e-12 else 1
-    sy = -1 if dy < -1e-12 else 1
-    ix = 1.0 / dx if abs(dx) > 1e-12 else math.inf
-    iy = 1.0 / dy if abs(dy) > 1e-12 else math.inf
-    ex, ey = (sx + 1) // 2, (sy + 1) // 2
-    field = squares[(1 - sx) // 2 + (1 - sy)]
+    ix, iy = inverse(dx), inverse(dy)
+    field = squares[quadrant(dx, dy)]
     t = 0.0
     side = int(field[r, c])
     while side > 0:
-        tx = (c + sx * (side - 1) + ex - x) * ix
-        ty = (r + sy * (side - 1) + ey - y) * iy
-        if tx < ty:
-            t = tx
-            if side > 1:
-                r += sy * crossed(y, dy, iy, r + ey, sy, side - 1, t, True)
-            c += sx * side
-        else:
-            t = ty
-            if side > 1:
-                c += sx * crossed(x, dx, ix, c + ex, sx, side - 1, t, False)
-            r += sy * side
+        t, c, r = leap(x, y, dx, dy, ix, iy, c, r, side)
         if t > limit:
             return math.inf
         side = int(field[r, c])
     return t
+
+
+@inlined
+def cast_fan(
+    squares: ByteArray,
+    x: float,
+    y: float,
+    limit: float,
+    slopes: FloatArray,
+    cells: IntArray,
+    ranges: FloatArray,
+) -> None:
+    """`cast` for many rays from one point, all of them one leap at a time.
+
+    The leaps of one ray wait for each other's memory and comparisons; those of different rays do
+    not, and the processor works at several of them together. `slopes` (4×m) comes with dx and dy
+    in its first rows; the rest of it and `cells` (4×m) are work space. `ranges` (m) is the result.
+    """
+    m = ranges.shape[0]
+    column, row = math.floor(x), math.floor(y)
+    for j in range(m):
+        dx, dy = slopes[0, j], slopes[1, j]
+        slopes[2, j], slopes[3, j] = inverse(dx), inverse(dy)
+        cells[0, j], cells[1, j] = column, row
+        cells[2, j] = squares[quadrant(dx, dy), row, column]
+        cells[3, j] = j
+        ranges[j] = 0.0
+    active = m if squares[0, row, column] > 0 else 0
+    while active > 0:
+        left = 0
+        for k in range(active):
+            j = cells[3, k]
+            dx, dy = slopes[0, j], slopes[1, j]
+            t, c, r = leap(
+                x, y, dx, dy, slopes[2, j], slopes[3, j], cells[0, j], cells[1, j], cells[2, j]
+            )
+            side = int(squares[quadrant(dx, dy), r, c]) if t <= limit else 0
+            cells[0, j], cells[1, j], cells[2, j] = c, r, side
+            ranges[j] = t if t <= limit else math.inf
+            cells[3, left] = j
+            left += side > 0
+        active = left
 
 
 @kernel
@@ -115,8 +188,11 @@ def cast_rays(
     ranges: FloatArray,
 ) -> None:
     """`ranges` (n) of rays from one point, at `angles` (n); cells, +inf beyond `limit`."""
-    for i in range(angles.shape[0]):
-        ranges[i] = cast(squares, x, y, math.cos(angles[i]), math.sin(angles[i]), limit)
+    n = angles.shape[0]
+    slopes, cells = np.empty((4, n)), np.empty((4, n), np.int64)
+    for i in range(n):
+        slopes[0, i], slopes[1, i] = math.cos(angles[i]), math.sin(angles[i])
+    cast_fan(squares, x, y, limit, slopes, cells, ranges)
 
 
 @inlined
@@ -153,6 +229,7 @@ def scan_all(
     """
     n, m = turned.shape
     near = np.empty((n, 2))
+    slopes, cells, walls = np.empty((4, m)), np.empty((4, m), np.int64), np.empty(m)
     limit = max_range / cell
     for i in range(n):
         x, y, heading = poses[i, 0], poses[i, 1], poses[i, 2]
@@ -164,10 +241,12 @@ def scan_all(
                 count += 1
         for j in range(m):
             angle = heading + angles[j] + turned[i, j]
-            dx, dy = math.cos(angle), math.sin(angle)
-            t = cast(squares, x, y, dx, dy, limit)
+            slopes[0, j], slopes[1, j] = math.cos(angle), math.sin(angle)
+        cast_fan(squares, x, y, limit, slopes, cells, walls)
+        for j in range(m):
+            t = walls[j]
             for k in range(count):
-                t = min(t, cast_disc(dx, dy, near[k, 0], near[k, 1], radius))
+                t = min(t, cast_disc(slopes[0, j], slopes[1, j], near[k, 0], near[k, 1], radius))
             true = t * cell
             if true > max_range:
                 ranges[i, j] = math.inf

@@ -9,8 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from protocol.pose import FloatArray
-from robot.explore.kernels import UNKNOWN, components, frontier_mask, viewpoints
+from robot.explore.frontier_kernels import components, frontier_mask, viewpoints
 from robot.explore.planner import Terrain, TravelField
+from robot.explore.planner_kernels import UNKNOWN
 
 VIEW_RADIUS_M = 2.0
 REFUSED_RADIUS_M = 0.5
@@ -63,7 +64,8 @@ def find_frontiers(terrain: Terrain, field: TravelField, refused: FloatArray) ->
         Frontier(
             float(sizes[piece]) * terrain.resolution,
             float(costs[best]),
-            *divmod(int(seen_from[best]), state.shape[1]),
+            int(seen_from[best]) // state.shape[1],
+            int(seen_from[best]) % state.shape[1],
             float(middles[piece, 0]),
             float(middles[piece, 1]),
         )

@@ -10,6 +10,7 @@ from robot.explore.policy import Plan, Teammate, View
 CLAIM_RADIUS_M = 2.0
 KEEP_GOAL_M = 1.0  # another frontier must be this much nearer before the robot turns round
 BEHIND_M = 0.5  # what turning round costs, as a distance
+LOOKING_M = 0.6
 FRESH_TICKS = 50
 
 
@@ -23,10 +24,14 @@ class NearestFrontier:
         field = travel_field(terrain, view.pose, near)
         if field is None:
             return Plan(None, NO_PATH, "waiting for a first map", False, 0.0)
-        frontiers = find_frontiers(terrain, field, view.refused)
+        found = find_frontiers(terrain, field, view.refused)
+        frontiers = [f for f in found if not _looks_at(view.teammates, terrain, f)]
         left = sum(frontier.length_m for frontier in frontiers)
         if not frontiers:
-            return Plan(None, NO_PATH, "nothing reachable is left", True, 0.0)
+            # A teammate at work will say what it sees; one without a goal has said it.
+            waiting = bool(found) and any(mate.goal is not None for mate in view.teammates)
+            reason = "a teammate looks at what is left" if waiting else "nothing reachable is left"
+            return Plan(None, NO_PATH, reason, not waiting, left)
         claimed = [
             any(_claims(mate, frontier, view) for mate in view.teammates) for frontier in frontiers
         ]
@@ -63,6 +68,15 @@ def _claims(mate: Teammate, frontier: Frontier, view: View) -> bool:
     theirs = math.hypot(mate.pose.x - frontier.x, mate.pose.y - frontier.y)
     ours = math.hypot(view.pose.x - frontier.x, view.pose.y - frontier.y)
     return (theirs, mate.name) < (ours, view.name)
+
+
+def _looks_at(teammates: tuple[Teammate, ...], terrain: Terrain, frontier: Frontier) -> bool:
+    """Whether a teammate stands where the frontier can be seen from."""
+    goal = _goal(terrain, frontier)
+    return any(
+        mate.age_ticks <= FRESH_TICKS and mate.pose.distance_to(goal) <= LOOKING_M
+        for mate in teammates
+    )
 
 
 def _goal(terrain: Terrain, frontier: Frontier) -> Pose2:

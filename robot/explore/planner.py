@@ -14,7 +14,7 @@ import numpy.typing as npt
 from maps.grid import BoolArray, IntArray, OccupancyGrid
 from protocol.config import BodyConfig
 from protocol.pose import FloatArray, Pose2
-from robot.explore.kernels import (
+from robot.explore.planner_kernels import (
     block_clearance,
     bridge_slivers,
     coarsen,
@@ -119,9 +119,7 @@ def travel_field(
         return None
     extra = np.zeros(terrain.state.shape)
     reach = 2.0 * terrain.needed
-    for pose in avoided:
-        rows, columns = _disc(terrain, pose, reach)
-        extra[rows, columns] = detour_m / reach
+    extra[discs(terrain, avoided, reach)] = detour_m / reach
     cost, parent = travel_costs(
         terrain.state, terrain.clearance, extra, terrain.needed, WANTED_CLEARANCE_M, WALL_COST,
         terrain.resolution, block[0] * terrain.state.shape[1] + block[1],
@@ -191,16 +189,21 @@ def clearance_at(terrain: Terrain, points: FloatArray) -> FloatArray:
     return clearance
 
 
-def _disc(terrain: Terrain, centre: Pose2, radius_m: float) -> tuple[IntArray, IntArray]:
-    """Rows and columns of the blocks within a radius of a point."""
+def discs(
+    terrain: Terrain, centres: tuple[Pose2, ...], radius_m: float
+) -> tuple[IntArray, IntArray]:
+    """Rows and columns of the blocks within a radius of any of some points."""
+    found = [np.zeros((2, 0), dtype=np.int64)]
     height, width = terrain.state.shape
-    row = (centre.y - terrain.origin_y) / terrain.resolution - 0.5
-    column = (centre.x - terrain.origin_x) / terrain.resolution - 0.5
     reach = radius_m / terrain.resolution
-    rows = np.arange(max(0, math.ceil(row - reach)), min(height, math.floor(row + reach) + 1))
-    columns = np.arange(
-        max(0, math.ceil(column - reach)), min(width, math.floor(column + reach) + 1)
-    )
-    grid_rows, grid_columns = np.meshgrid(rows, columns, indexing="ij")
-    within = (grid_rows - row) ** 2 + (grid_columns - column) ** 2 <= reach**2
-    return grid_rows[within], grid_columns[within]
+    for centre in centres:
+        row = (centre.y - terrain.origin_y) / terrain.resolution - 0.5
+        column = (centre.x - terrain.origin_x) / terrain.resolution - 0.5
+        rows = np.arange(max(0, math.ceil(row - reach)), min(height, math.floor(row + reach) + 1))
+        columns = np.arange(
+            max(0, math.ceil(column - reach)), min(width, math.floor(column + reach) + 1)
+        )
+        both = np.stack(np.meshgrid(rows, columns, indexing="ij")).reshape(2, -1)
+        found.append(both[:, np.hypot(both[0] - row, both[1] - column) <= reach])
+    rows, columns = np.concatenate(found, axis=1)
+    return rows, columns

@@ -1,8 +1,9 @@
 """What to do when the way is blocked: make room, back up, turn to the open, give the goal up.
 
-A robot is stuck when it wants to move and has not got anywhere for some seconds. Between two
-robots that block each other the one with the larger name gives way; should that not help (it may
-have no way back) the other one does, turn and turn about, so that nothing is blocked for ever.
+A robot is stuck when it wants to move and has not got anywhere for some seconds. Of two robots
+that block each other the one with the shorter way out of the other's path goes there. Should they
+disagree on that, the one with the larger name does, then the one with the smaller name, turn and
+turn about: nothing is blocked for ever.
 """
 
 import math
@@ -15,15 +16,16 @@ import numpy as np
 from protocol.pose import FloatArray, Pose2
 from robot.explore.follower import bearing_to
 from robot.explore.policy import Teammate
-from robot.explore.trail import Trail
+from robot.explore.retreat import Retreat
 
 STUCK_S, STUCK_M = 4.0, 0.12
 FORGIVEN_M = 1.0  # so far from where it was stuck a robot starts counting anew
 MEETING_M, MEETING_RAD = 1.3, math.radians(80.0)
 FRESH_TICKS = 20
-GIVE_WAY_S, WAIT_S, BACK_S, TURN_S = 12.0, 4.0, 2.5, 2.5
-BACK_UP_MPS, TURN_RPS = -0.15, 0.8
-KEEP_AWAY_M = 1.6
+GIVE_WAY_S, WAIT_S, BACK_S, TURN_S = 25.0, 4.0, 2.5, 2.5
+PASSED_M, PASSED_S = 1.2, 1.0
+WAY_IS_FREE_M = 1.6
+MOST_MEETINGS = 6
 
 
 class Kind(Enum):
@@ -38,12 +40,11 @@ class Kind(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Manoeuvre:
-    """A behaviour under way: until when (tick), for whom, along which path, to which heading."""
+    """A behaviour under way: until when (tick), for whom, to which heading."""
 
     kind: Kind
     until: int
     mate: str = ""
-    path: FloatArray | None = None
     heading: float = 0.0
 
 
@@ -54,6 +55,7 @@ class Recovery:
         self._name = name
         self._tick_s = tick_s
         self._places: deque[tuple[int, float, float]] = deque()
+        self._gaps: deque[float] = deque(maxlen=round(PASSED_S / tick_s) + 1)
         self._attempts = 0
         self._stuck_at: Pose2 | None = None
         self.manoeuvre: Manoeuvre | None = None
@@ -67,57 +69,74 @@ class Recovery:
             return False
         self._places.append((tick, pose.x, pose.y))
         span = round(STUCK_S / self._tick_s)
-        while self._places and self._places[0][0] < tick - span:
+        while self._places[0][0] < tick - span:
             self._places.popleft()
         if self._places[0][0] > tick - span:
             return False
         return all(math.hypot(x - pose.x, y - pose.y) < STUCK_M for _, x, y in self._places)
 
-    def begin(
-        self,
-        tick: int,
-        pose: Pose2,
-        ahead: FloatArray,
-        points: FloatArray,
-        trail: Trail,
-        teammates: tuple[Teammate, ...],
-    ) -> Manoeuvre:
-        """Choose a behaviour; `ahead` (2) is where the robot wanted to go next (m), `points`
-        (n×2) the scan in the robot's frame."""
+    def begin(self, tick: int, pose: Pose2, points: FloatArray, mate: Teammate | None) -> Manoeuvre:
+        """Choose a behaviour; `points` (n×2) is the scan in the robot's frame, `mate` the
+        teammate in the way, if one is: whoever then makes room, first both wait."""
         self._places.clear()
         self._attempts += 1
         self._stuck_at = pose
-        mate = blocking_teammate(pose, ahead, teammates)
-        if mate is not None:
-            self.manoeuvre = self._meet(tick, pose, trail, mate)
-        elif self._attempts % 3 == 1:
+        if mate is not None and self._attempts <= MOST_MEETINGS:
+            self.manoeuvre = Manoeuvre(Kind.WAIT, self._after(tick, WAIT_S), mate.name)
+        elif mate is None and self._attempts % 3 == 1:
             self.manoeuvre = Manoeuvre(Kind.BACK_UP, self._after(tick, BACK_S))
-        elif self._attempts % 3 == 2:
+        elif mate is None and self._attempts % 3 == 2:
             heading = pose.theta + widest_direction(points)
             self.manoeuvre = Manoeuvre(Kind.TURN, self._after(tick, TURN_S), heading=heading)
         else:
+            self._attempts = 0
             self.manoeuvre = Manoeuvre(Kind.GIVE_UP, tick)
         return self.manoeuvre
 
-    def make_room(self, tick: int, pose: Pose2, trail: Trail, mate: Teammate) -> Manoeuvre:
-        """Give way to a teammate whatever the names are: this robot has no goal of its own."""
-        path = trail.to_room(pose, mate.pose, KEEP_AWAY_M)
-        self.manoeuvre = Manoeuvre(Kind.GIVE_WAY, self._after(tick, GIVE_WAY_S), mate.name, path)
-        return self.manoeuvre
+    def make_room(self, tick: int, retreat: Retreat, obliging: bool) -> bool:
+        """Give way if it is on this robot to do so; an `obliging` one does whenever it can."""
+        if len(retreat.way) < 2 or not (obliging or self._is_mine(retreat)):
+            return False
+        self._gaps.clear()
+        self.manoeuvre = Manoeuvre(Kind.GIVE_WAY, self._after(tick, GIVE_WAY_S), retreat.mate)
+        return True
 
-    def _meet(self, tick: int, pose: Pose2, trail: Trail, mate: Teammate) -> Manoeuvre:
-        if self._attempts >= 6:
-            self._attempts = 0
-            return Manoeuvre(Kind.GIVE_UP, tick, mate.name)
-        mine_to_yield = (self._name > mate.name) == (self._attempts % 4 in (1, 2))
-        if mine_to_yield:
-            return self.make_room(tick, pose, trail, mate)
-        return Manoeuvre(Kind.WAIT, self._after(tick, WAIT_S), mate.name)
+    def is_over(
+        self, tick: int, pose: Pose2, arrived: bool, teammates: tuple[Teammate, ...]
+    ) -> bool:
+        """Whether the behaviour under way has done what it can."""
+        manoeuvre = self.manoeuvre
+        if manoeuvre is None or tick >= manoeuvre.until:
+            return True
+        mate = next((m for m in teammates if m.name == manoeuvre.mate), None)
+        gap = math.inf if mate is None else pose.distance_to(mate.pose)
+        self._gaps.append(gap)
+        if manoeuvre.kind is Kind.TURN:
+            return abs(math.remainder(manoeuvre.heading - pose.theta, math.tau)) < 0.2
+        if manoeuvre.kind is Kind.WAIT:
+            return gap > WAY_IS_FREE_M
+        # The other has passed when it is some way off and getting farther.
+        return (
+            manoeuvre.kind is Kind.GIVE_WAY
+            and arrived
+            and gap > PASSED_M
+            and len(self._gaps) == self._gaps.maxlen
+            and gap > self._gaps[0] + 0.1
+        )
 
     def end(self) -> None:
         """The behaviour is over, or was overtaken by events."""
         self.manoeuvre = None
         self._places.clear()
+        self._gaps.clear()
+
+    def _is_mine(self, retreat: Retreat) -> bool:
+        larger = self._name > retreat.mate
+        if self._attempts % 3 == 1:
+            if math.isclose(retreat.cost, retreat.mate_cost, rel_tol=0.1):
+                return larger
+            return retreat.cost < retreat.mate_cost
+        return larger == (self._attempts % 3 == 2)
 
     def _after(self, tick: int, seconds: float) -> int:
         return tick + round(seconds / self._tick_s)
@@ -126,7 +145,7 @@ class Recovery:
 def blocking_teammate(
     pose: Pose2, ahead: FloatArray, teammates: tuple[Teammate, ...]
 ) -> Teammate | None:
-    """The nearest teammate in the way towards a point, if one is."""
+    """The nearest teammate in the way towards a point (2, m), if one is."""
     way = bearing_to(pose, float(ahead[0]), float(ahead[1]))
     blocking = [
         mate

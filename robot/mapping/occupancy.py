@@ -83,12 +83,14 @@ class OccupancyMap:
         it is unless `exact`. Raises MappingError on arrays of different lengths or a pose that
         is not finite.
         """
+        _check_pose(key, pose)
         placed = self._placed.get(key)
         if placed is None:
             placed = self._place(key, pose, ranges, angles, max_range_m)
+            self._cover(pose, max_range_m)
             self._placed[key] = placed
         elif _moved(placed.pose, pose, exact):
-            _check_pose(key, pose)
+            self._cover(pose, placed.max_range_m)
             self._count(placed, -1)
             placed.pose = pose
         else:
@@ -115,6 +117,7 @@ class OccupancyMap:
         """The map as it would be with one more scan, for planning; the map itself stays."""
         before = self.grid()
         placed = self._place(("", 0, 0), pose, ranges, angles, max_range_m)
+        self._cover(pose, max_range_m)
         self._count(placed, 1)
         overlaid, _ = self._render()
         self._count(placed, -1)
@@ -159,8 +162,6 @@ class OccupancyMap:
             placed.ranges.astype(np.float64), angles, placed.max_range_m, hit_range,
             floor, slope, root, self.resolution, GRAZING_M,
         )  # fmt: skip
-        if sign > 0:
-            self._cover(placed.pose, placed.max_range_m)
         count_scan(
             self._hits, self._misses, self._first_row, self._first_column, self.resolution,
             placed.pose.x, placed.pose.y, placed.pose.theta, clear, hit, angles, sign,
@@ -185,7 +186,7 @@ class OccupancyMap:
             return
         if shape[0] * shape[1] > MAX_CELLS:
             raise MappingError(
-                f"a keyframe at ({pose.x:.0f}, {pose.y:.0f}) m would make the map "
+                f"a keyframe at ({pose.x:.3g}, {pose.y:.3g}) m would make the map "
                 f"{shape[1]} × {shape[0]} cells; check its pose"
             )
         down, left = self._first_row - first_row, self._first_column - first_column

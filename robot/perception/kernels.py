@@ -16,6 +16,8 @@ FULL = 255.0
 REACH_SIGMAS = 3.3
 # A Gauss-Newton step is made longer by at most this.
 MAX_STRETCH = 5.0
+# A step that gains less than this share is the last: kinks of the field keep it from being short.
+MIN_GAIN = 3e-6
 
 
 @kernel
@@ -26,6 +28,8 @@ def describe_returns(
 
     `noise` = (σ at 0 m, growth per metre, variance per metre, σ of the angle). `out` (n×6) takes
     x, y, normal x, normal y, weight, σ; the normal is (0, 0) where the neighbours lie on no line.
+    A return on a surface is moved onto the line through its neighbours, as far as noise explains,
+    and its σ is the one across the surface: range noise along a grazing ray does not count there.
     `links[i]` is 1 when return i and the next lie on one surface.
     """
     n = ranges.shape[0]
@@ -58,25 +62,42 @@ def describe_returns(
         limit = max(3.0 * r * increment * gap_beams, 3.0 * spacing) + 3.0 * out[k, 5]
         if math.sqrt(dx * dx + dy * dy) < min(limit, max_gap):
             links[k] = 1
+    shift = np.zeros(count)
+    across = np.empty(count)
     for k in range(count):
         r = ranges[beam[k]]
         radius = max(normal_radius, 2.5 * r * increment, 4.0 * out[k, 5])
-        nx, ny, near = _normal(out, links, count, k, radius)
+        nx, ny, near, shift[k] = _normal(out, links, count, k, radius)
+        used = near
         if near < 3.0 and count > 2:
             before = (k - 1) % count
             after = (k + 1) % count
             if (beam[k] - beam[before]) % n <= 2 and (beam[after] - beam[k]) % n <= 2:
                 nx, ny = _grazing_normal(out, before, k, after)
+                used = 1.0
         out[k, 2] = nx
         out[k, 3] = ny
         out[k, 4] = min(1.0, r * increment / spacing)
+        across[k] = out[k, 5]
+        if nx != 0.0 or ny != 0.0:
+            facing = (out[k, 0] * nx + out[k, 1] * ny) / r
+            sigma_r = noise[0] + noise[1] * r
+            along_ray = (sigma_r * sigma_r + noise[2] * r) * facing * facing
+            sideways = (r * noise[3]) ** 2 * (1.0 - facing * facing)
+            raw = math.sqrt(along_ray + sideways)
+            across[k] = raw / math.sqrt(used)
+            shift[k] = min(max(shift[k], -2.0 * raw), 2.0 * raw)
+    for k in range(count):
+        out[k, 0] += shift[k] * out[k, 2]
+        out[k, 1] += shift[k] * out[k, 3]
+        out[k, 5] = across[k]
     return count
 
 
 @inlined
 def _normal(out, links, count, k, radius):
-    """Direction across the line through the linked neighbours of return k, (0, 0) for none; and
-    how many they are, itself among them."""
+    """Direction across the line through the linked neighbours of return k, (0, 0) for none; how
+    many they are, itself among them; and how far the line passes from the return."""
     m = 1.0
     sx = 0.0
     sy = 0.0
@@ -103,7 +124,7 @@ def _normal(out, links, count, k, radius):
             sxy += dx * dy
             syy += dy * dy
     if m < 3.0:
-        return 0.0, 0.0, m
+        return 0.0, 0.0, m, 0.0
     sxx -= sx * sx / m
     sxy -= sx * sy / m
     syy -= sy * sy / m
@@ -112,9 +133,11 @@ def _normal(out, links, count, k, radius):
     large = half_trace + root
     small = half_trace - root
     if small > 0.08 * large:
-        return 0.0, 0.0, m
+        return 0.0, 0.0, m, 0.0
     along = 0.5 * math.atan2(2.0 * sxy, sxx - syy)
-    return -math.sin(along), math.cos(along), m
+    nx = -math.sin(along)
+    ny = math.cos(along)
+    return nx, ny, m, (sx * nx + sy * ny) / m
 
 
 @inlined
@@ -410,6 +433,7 @@ def match_returns(
             converged = True
             break
         halvings = 0
+        gain = value - best_value
         best_value = value
         best_total = total
         best[:] = candidate
@@ -438,9 +462,8 @@ def match_returns(
             break
         for i in range(3):
             step[i] *= stretch
-        if step[0] * step[0] + step[1] * step[1] < tolerance * tolerance and (
-            abs(step[2]) < tolerance
-        ):
+        moved = math.sqrt(step[0] * step[0] + step[1] * step[1])
+        if max(moved, abs(step[2])) < tolerance or gain < MIN_GAIN * abs(value):
             converged = True
             break
         _move(best, step, candidate)

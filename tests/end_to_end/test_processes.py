@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from protocol.errors import EarshotError
 from protocol.messages import Report
 from robot.journal_file import read_records
 from station.free_port import free_port
@@ -166,6 +167,7 @@ def test_a_frozen_robot_is_stalled_and_carries_on_when_it_wakes() -> None:
 def test_an_exception_in_the_world_leaves_nothing_running() -> None:
     class Fault(Unwatched):
         def ticked(self, simulation: Simulation, reports: Mapping[str, Report]) -> None:
+            del reports
             if simulation.tick == 5:
                 raise SystemError
 
@@ -202,9 +204,7 @@ def test_when_the_world_is_killed_robots_stop_and_say_so(tmp_path: Path) -> None
     assert "r1: the world is gone: wheels stopped" in said
 
 
-def test_a_robot_that_cannot_start_is_quoted(monkeypatch: pytest.MonkeyPatch) -> None:
-    from protocol.errors import EarshotError
-
+def test_a_robot_that_cannot_start_is_quoted() -> None:
     robots = (RobotSpec(name="r1", engine="no-such-engine"),)
     with pytest.raises(EarshotError, match="no-such-engine"):
         launch(SHORT.model_copy(update={"robots": robots}), "processes")

@@ -43,10 +43,11 @@ class IdleMind:
         self.config = config
         self.senses: list[Sense] = []
         self.heard = 0
-        self.before: Callable[[Sense], None] = lambda sense: None
+        self.before: Callable[[Sense], None] | None = None
 
     def step(self, sense: Sense) -> Action:
-        self.before(sense)
+        if self.before is not None:
+            self.before(sense)
         assert sense.frame_count == len(sense.frames)
         self.senses.append(sense)
         self.heard += len(sense.frames)

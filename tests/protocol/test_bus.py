@@ -182,7 +182,11 @@ def test_a_sense_is_the_same_after_the_wire_but_for_its_frames(ends: tuple[Bus, 
     assert inbox.get(WAIT_S) is not None
     frame = HeardFrame(sender="r2", sent_tick=3, to="*", kind="beacon", payload=b"hi")
     sense = Sense(
-        tick=4, stamp=0.4, encoders=(7, -9), ranges=[1.5, float("inf")], frame_count=1,
+        tick=4,
+        stamp=0.4,
+        encoders=(7, -9),
+        ranges=[1.5, float("inf")],
+        frame_count=1,
         frames=(frame,),
     )
     world.publish(RADIO_IN, frame, "r1")
@@ -212,7 +216,7 @@ def test_nobody_listens_until_somebody_does() -> None:
 def test_an_endpoint_that_cannot_be_reached_is_named() -> None:
     config = BusConfig.client(f"tcp/127.0.0.1:{free_port()}")
     with (
-        pytest.raises(BusError, match="client connecting to tcp/127.0.0.1"),
+        pytest.raises(BusError, match=r"client connecting to tcp/127\.0"),
         open_bus(config.model_copy(update={"connect_timeout_s": 0.2})),
     ):
         pass

@@ -10,7 +10,11 @@ from protocol.model import Message
 
 SCHEMAS: tuple[type[Message], ...] = (Action, HeardFrame, MapReply, RadioFrame, Sense)
 PLAIN = st.recursive(
-    st.none() | st.booleans() | st.integers(-(2**63), 2**63) | st.floats() | st.text()
+    st.none()
+    | st.booleans()
+    | st.integers(-(2**63), 2**63)
+    | st.floats()
+    | st.text()
     | st.binary(max_size=64),
     lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(), inner, max_size=4),
     max_leaves=20,

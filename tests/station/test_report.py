@@ -11,8 +11,8 @@ import pytest
 from maps.grid import read_map
 from station.formats import read_g2o, read_tum
 from station.observer import RunOutcome
-from station.report import run_folder, write_report
-from station.report_folder import ReportFolderError
+from station.report import write_report
+from station.report_folder import ReportFolderError, run_folder
 from station.report_links import spans_of
 from station.report_metrics import Metrics, measure
 from station.report_tables import ledger_table, metrics_table
@@ -112,6 +112,16 @@ def test_an_interrupted_run_has_a_report_that_says_so(nothing: RunOutcome, tmp_p
     assert not (tmp_path / "team.yaml").exists()
     readme = (tmp_path / "README.md").read_text()
     assert "**r1** left no map or trajectory: no answer." in readme
+
+
+def test_a_report_leaves_nothing_of_an_earlier_one(
+    outcome: RunOutcome, nothing: RunOutcome, tmp_path: Path
+) -> None:
+    write_report(outcome, tmp_path)
+    (tmp_path / "r1" / "notes.txt").write_text("mine")
+    write_report(nothing, tmp_path)
+    assert not (tmp_path / "team.yaml").exists()
+    assert {file.name for file in (tmp_path / "r1").iterdir()} == {"true.tum", "notes.txt"}
 
 
 def test_tables_name_every_robot_and_reason(outcome: RunOutcome) -> None:

@@ -1,8 +1,6 @@
 """Ray casting: bit for bit what a walk cell by cell gives, and what geometry says."""
 
 import math
-import os
-from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -10,11 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from maps.grid import OccupancyGrid, read_map
+from maps.grid import OccupancyGrid
 from maps.library import load_map
 from world.terrain import Terrain
-
-REAL_MAPS = ("freiburg-079", "intel", "willow", "aces", "belgioioso")
 
 
 def grid_of(solid: npt.NDArray[np.bool_], resolution: float = 1.0) -> OccupancyGrid:
@@ -110,16 +106,6 @@ def test_the_shipped_maps_agree_with_the_walk(name: str) -> None:
     assert_walks_agree(Terrain(load_map(name)), rng, points=20, beams=20, limit=240.0)
 
 
-def real_map(name: str) -> OccupancyGrid:
-    """A map of a real building, where the folder of the measurements is at hand."""
-    beside = Path(__file__).resolve().parents[3] / "shared"
-    path = Path(os.environ.get("EARSHOT_DATA", beside)) / "maps" / f"{name}.yaml"
-    if not path.is_file():
-        pytest.skip(f"no {name}.yaml: name the folder with the real maps in EARSHOT_DATA")
-    return read_map(path)
-
-
-@pytest.mark.parametrize("name", REAL_MAPS)
-def test_real_maps_agree_with_the_walk(name: str) -> None:
+def test_real_maps_agree_with_the_walk(real_grid: OccupancyGrid) -> None:
     rng = np.random.default_rng(2)
-    assert_walks_agree(Terrain(real_map(name)), rng, points=20, beams=20, limit=120.0)
+    assert_walks_agree(Terrain(real_grid), rng, points=20, beams=20, limit=120.0)

@@ -137,3 +137,12 @@ def test_shipped_maps_have_room_for_a_team(name: str) -> None:
     reach = terrain.reachable(RADIUS_M, starts)
     free = terrain.grid.free.sum()
     assert reach.sum() > 0.6 * free
+
+
+def test_real_maps_have_room_for_a_team(real_grid: OccupancyGrid) -> None:
+    terrain = Terrain(real_grid)
+    starts = draw_starts(terrain, np.random.default_rng(1), 3, RADIUS_M, NOBODY)
+    reach = terrain.reachable(RADIUS_M, starts)
+    assert reach.sum() * real_grid.resolution**2 > 100.0
+    for x, y, _ in starts:
+        assert not terrain.disc_overlaps(x, y, RADIUS_M + COMFORT_M - 1e-9)

@@ -1,0 +1,100 @@
+"""Many robots that drive, in one world: how long a tick takes, and where the time goes.
+
+    python -m studies.crowd --robots 1000 --json crowd.json
+
+The robots wander: straight on until the scan says that something is near, then they turn to the
+side that is more open. A tick is timed from the actions to the senses, without the wandering.
+"""
+
+import argparse
+import json
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+from maps.building import BuildingConfig
+from maps.generator import make_building
+from protocol.errors import EarshotError
+from protocol.messages import Action, DriveCommand, Sense
+from world.scenario import RobotSpec, Scenario
+from world.simulation import Simulation
+
+BUILDING = BuildingConfig(layout="office", seed=4, width_m=120.0, height_m=80.0)
+# The first scans are fuller than later ones, and what is compiled or read is done by then.
+WARM_UP_TICKS = 10
+
+
+def measure(robots: int, ticks: int, seed: int) -> dict[str, float]:
+    """Milliseconds that a tick takes, and how much of the time the robots drove."""
+    scenario = Scenario(
+        seed=seed, robots=tuple(RobotSpec(name=f"r{i}") for i in range(robots)), max_sim_s=1e6
+    )
+    simulation = Simulation(scenario, make_building(BUILDING))
+    senses = simulation.step({})
+    took_ms = []
+    for _ in range(WARM_UP_TICKS + ticks):
+        actions = {name: wander(sense) for name, sense in senses.items()}
+        began = time.perf_counter()
+        senses = simulation.step(actions)
+        took_ms.append(1e3 * (time.perf_counter() - began))
+    timed = np.array(took_ms[WARM_UP_TICKS:])
+    driven = [simulation.history.driven_m(i) for i in range(robots)]
+    simulated_s = (WARM_UP_TICKS + ticks) * scenario.tick_s
+    return {
+        "robots": robots,
+        "beams": scenario.lidar.beams,
+        "ticks": ticks,
+        "tick_ms_mean": float(timed.mean()),
+        "tick_ms_median": float(np.median(timed)),
+        "tick_ms_p99": float(np.percentile(timed, 99)),
+        "times_real_time": float(1e3 * scenario.tick_s / timed.mean()),
+        "mean_speed_mps": float(np.mean(driven) / simulated_s),
+        "share_of_robots_that_drove": float(np.mean(np.array(driven) > 0.0)),
+        "contacts_per_robot_and_minute": float(
+            60.0 * sum(simulation.collisions.values()) / robots / simulated_s
+        ),
+    }
+
+
+def wander(sense: Sense) -> Action:
+    """Straight on, slower as it gets narrow; beside something near, towards the open side."""
+    if sense.ranges is None:
+        raise ValueError("a robot that wanders needs a scan in every sense")
+    beams = len(sense.ranges)
+    ahead = np.minimum(sense.ranges[beams // 4 : beams - beams // 4], 3.0)  # right to left
+    middle = len(ahead) // 2
+    nearest = float(ahead[middle // 2 : -(middle // 2)].min())
+    turn = 1.5 if float(ahead[middle:].sum()) > float(ahead[:middle].sum()) else -1.5
+    command = DriveCommand(
+        forward_mps=0.6 * min(max(nearest - 0.4, 0.0), 1.0), turn_rps=turn if nearest < 0.9 else 0.0
+    )
+    return Action(tick=sense.tick, drive=command)
+
+
+def main(argv: list[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(
+        prog="python -m studies.crowd",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("--robots", type=int, default=1000)
+    parser.add_argument("--ticks", type=int, default=200)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--json", type=Path, metavar="FILE")
+    arguments = parser.parse_args(argv)
+    try:
+        result = measure(arguments.robots, arguments.ticks, arguments.seed)
+    except EarshotError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    for name, value in result.items():
+        print(f"{name:>30}  {value:.4g}")
+    if arguments.json:
+        arguments.json.write_text(json.dumps(result, indent=2) + "\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

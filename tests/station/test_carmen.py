@@ -1,0 +1,66 @@
+"""CARMEN logs: what is read, and what is refused with which words."""
+
+import gzip
+
+import numpy as np
+import pytest
+
+from protocol.pose import Pose2
+from station.carmen import CarmenError, CarmenOdometry, CarmenScan, read_carmen, read_scans
+
+SCAN = "FLASER 3 1.5 2.5 81.91 1 2 0.5 1.1 2.1 0.6 100.25 host 0.75\n"
+ODOM = "ODOM 1.0 2.0 0.5 0.3 0.1 0.0 100.5 host 1.0\n"
+
+
+def write(tmp_path, text, name="log.clf"):
+    path = tmp_path / name
+    path.write_text(text)
+    return path
+
+
+def test_scans_and_odometry_come_in_the_order_of_the_file(tmp_path):
+    path = write(tmp_path, "# comment\nPARAM a b\n" + ODOM + SCAN + ODOM)
+    records = list(read_carmen(path))
+    assert [type(r) for r in records] == [CarmenOdometry, CarmenScan, CarmenOdometry]
+    scan = records[1]
+    assert np.array_equal(scan.ranges, [1.5, 2.5, 81.91])
+    assert scan.pose == Pose2(1.0, 2.0, 0.5)
+    assert scan.odometry == Pose2(1.1, 2.1, 0.6)
+    assert (scan.stamp, scan.logger_stamp) == (100.25, 0.75)
+    assert records[0] == CarmenOdometry(100.5, Pose2(1.0, 2.0, 0.5))
+
+
+def test_gzipped_logs_are_read_alike(tmp_path):
+    path = tmp_path / "log.clf.gz"
+    with gzip.open(path, "wt") as file:
+        file.write(SCAN * 2)
+    assert len(read_scans(path)) == 2
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("FLASER\n", "log.clf:1: expected FLASER"),
+        ("FLASER x 1 2\n", "log.clf:1: expected FLASER"),
+        (ODOM + SCAN[:30] + "\n", "log.clf:2: expected FLASER"),
+        (SCAN.replace("2.5", "two"), "log.clf:1: .*expected numbers"),
+        (SCAN.replace("2.5", "nan"), "log.clf:1: a value is not finite"),
+        ("ODOM 1 2 3\n", "log.clf:1: expected ODOM and 9 fields, got 3"),
+        ("hello\n", "no FLASER line"),
+        (SCAN + "FLASER 1 1.5 1 2 0.5 1.1 2.1 0.6 100.25 host 0.75\n", "different sizes"),
+    ],
+)
+def test_bad_logs_are_refused(tmp_path, text, message):
+    with pytest.raises(CarmenError, match=message):
+        read_scans(write(tmp_path, text))
+
+
+def test_what_is_no_log_at_all_is_refused(tmp_path):
+    with pytest.raises(CarmenError, match="not a readable CARMEN log"):
+        read_scans(tmp_path / "missing.clf")
+    (tmp_path / "binary.clf").write_bytes(bytes(range(256)))
+    with pytest.raises(CarmenError, match="not a readable CARMEN log"):
+        read_scans(tmp_path / "binary.clf")
+    write(tmp_path, "not gzip", "log.clf.gz")
+    with pytest.raises(CarmenError, match="not a readable CARMEN log"):
+        read_scans(tmp_path / "log.clf.gz")
