@@ -29,10 +29,12 @@ from robot.mapping.keyframe_map import KeyframeMap, draw_exactly
 from robot.mapping.occupancy import OccupancyMap
 from robot.perception.odometry import Motion, WheelOdometry
 from robot.perception.scan import LaserScan, perceive
+from robot.slam.config import GraphSlamConfig
 from robot.slam.engine import Estimate
 from robot.slam.engines import make_engine
 from robot.slam.trajectory import RelativeTrajectory
-from robot.team.joint import Solution, anchor_pose, solve
+from robot.team.joint import Solution, anchor_pose, anchor_poses, solve
+from robot.team.links import LinkFinder
 from robot.team.team import LiveState, Team
 
 FOLLOW_EVERY_TICKS = 10
@@ -52,6 +54,7 @@ class Brain:
             config.engine, config.lidar, config.body, self._start, self._jobs
         )
         self._team = Team(config, incarnation, self._jobs)
+        self._links = LinkFinder(self._team.own_log, config.lidar, GraphSlamConfig())
         self._own_map = KeyframeMap(config.lidar)
         self._joint_map = KeyframeMap(config.lidar)
         self._explorer = Explorer(config, self._jobs)
@@ -71,6 +74,7 @@ class Brain:
         motion, scan = self._perceive(sense)
         self._localise(sense, motion, scan)
         self._hear(sense)
+        self._link(sense.tick)
         self._update_maps(sense.tick)
         decision = self._decide(sense, motion, scan)
         frames = self._speak(sense.tick, decision)
@@ -94,7 +98,7 @@ class Brain:
         self._team.write(self._engine.take_entries())
         self._ticks.append(sense.tick)
         self._stamps.append(sense.stamp)
-        self._online.append(0, self._estimate.pose)
+        self._online.append(0, self._pose_in_team())
         self._dead_reckoned.append(0, self._odometry.pose)
 
     def _hear(self, sense: Sense) -> None:
@@ -107,10 +111,17 @@ class Brain:
             y = sighting.range_m * math.sin(sighting.bearing_rad)
             self._sightings[sighting.robot] = (sense.tick, Pose2(x, y, 0.0))
 
+    def _link(self, tick: int) -> None:
+        """Tie this robot's submaps to what teammates saw of the same places."""
+        team = self._team
+        team.write(
+            self._links.step(tick, self._jobs, team.graph, team.solution, self._engine.submaps)
+        )
+
     def _update_maps(self, tick: int) -> None:
         solved = self._team.solve(tick)
         if solved or tick % FOLLOW_EVERY_TICKS == 0:
-            self._own_map.follow(self._team.graph, self._own_anchors())
+            self._own_map.follow(self._team.graph, self._own_anchors(self._team.solution))
             self._joint_map.follow(self._team.graph, self._team.solution)
         self._own_map.draw(self._team.graph, DRAWN_PER_TICK)
         self._joint_map.draw(self._team.graph, DRAWN_PER_TICK)
@@ -142,12 +153,17 @@ class Brain:
 
     # -- where things are
 
-    def _own_anchors(self) -> Solution:
-        return {self._team.own_log: self._engine.graph().nodes}
+    def _own_anchors(self, solution: Solution) -> Solution:
+        """This robot's anchors: by the joint solution, or else by its engine alone."""
+        own = self._team.own_log
+        log = self._team.graph.log(own)
+        if log is None or own not in solution:
+            return {own: self._engine.anchors}
+        return {own: anchor_poses(log, solution[own])}
 
     def _anchored(self) -> tuple[int, Pose2]:
         """The newest anchor in the journal, and the robot's pose relative to it."""
-        nodes = self._engine.graph().nodes
+        nodes = self._engine.anchors
         log = self._team.graph.log(self._team.own_log)
         index = min(len(log.anchors) if log else 0, len(nodes)) - 1
         return index, Pose2.from_array(nodes[index]).inverse() @ self._estimate.pose
@@ -222,20 +238,23 @@ class Brain:
             own, joint = self._own_map.map, self._joint_map.map
         else:
             graph, lidar = self._team.graph, self.config.lidar
-            own = draw_exactly(graph, self._own_anchors(), lidar)
-            joint = draw_exactly(graph, solve(graph.problem()), lidar)
+            solution = solve(graph.problem())
+            own = draw_exactly(graph, self._own_anchors(solution), lidar)
+            joint = draw_exactly(graph, solution, lidar)
         return MapReply(own=_patch(own.grid()), joint=_patch(joint.grid()))
 
     def trajectory_reply(self) -> TrajectoryReply:
         """The trajectory so far, the pose graph, and the counts to hold against the ledger."""
         graph = self._engine.graph()
+        solution = solve(self._team.graph.problem())
+        anchors = self._own_anchors(solution)[self._team.own_log]
         start = self._start.to_array()[None, :]
         upper = graph.information[:, [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]
         return TrajectoryReply(
             ticks=np.array(self._ticks, dtype=np.int64),
             stamps=np.array(self._stamps),
             online=self._online.poses(IDENTITY.to_array()[None, :]),
-            final=self._engine.trajectory(),
+            final=self._engine.trajectory(anchors),
             dead_reckoned=self._dead_reckoned.poses(start),
             nodes=graph.nodes,
             edge_nodes=graph.edge_nodes,

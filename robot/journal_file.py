@@ -67,6 +67,12 @@ def next_incarnation(folder: Path, robot: str) -> int:
     return incarnation
 
 
+def remove_journals(folder: Path) -> None:
+    """Remove every robot's journals from a folder, if there is one: for the start of a new run."""
+    for path in folder.glob("*.journal"):
+        path.unlink()
+
+
 def read_records(path: Path) -> list[bytes]:
     """The whole records of a journal file, up to the first that is torn or damaged."""
     data = path.read_bytes()

@@ -11,6 +11,7 @@ CLAIM_RADIUS_M = 2.0
 KEEP_GOAL_M = 1.0  # another frontier must be this much nearer before the robot turns round
 BEHIND_M = 0.5  # what turning round costs, as a distance
 LOOKING_M = 0.6
+WORTH_FOLLOWING_M = 2.5
 FRESH_TICKS = 50
 
 
@@ -35,7 +36,9 @@ class NearestFrontier:
         claimed = [
             any(_claims(mate, frontier, view) for mate in view.teammates) for frontier in frontiers
         ]
-        # When all are claimed, going along beats standing about: the way may fork ahead.
+        if all(claimed) and left < WORTH_FOLLOWING_M:
+            return Plan(None, NO_PATH, "a teammate is on its way to what is left", False, left)
+        # Where much is left, going along beats standing about: the way may fork ahead.
         free = [f for f, taken in zip(frontiers, claimed, strict=True) if not taken] or frontiers
         chosen = min(free, key=lambda frontier: _price(frontier, terrain, view))
         path = path_to(terrain, field, chosen.row, chosen.column)

@@ -6,7 +6,7 @@ cells. A robot whose own block is too near to a wall leaves it through free bloc
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -80,10 +80,14 @@ class Terrain:
 
 @dataclass(frozen=True, slots=True)
 class TravelField:
-    """Cost (h×w, m) from one block to all, and each block's parent (h·w) on the way back."""
+    """Cost (h×w, m) from one block to all, and each block's parent (h·w) on the way back.
+
+    `room` (h×w, m) is the terrain's clearance, less where a teammate stands.
+    """
 
     cost: FloatArray
     parent: IntArray
+    room: FloatArray
 
 
 def survey(grid: OccupancyGrid, body: BodyConfig) -> Terrain:
@@ -117,14 +121,18 @@ def travel_field(
     block = terrain.block_at(start.x, start.y)
     if block is None:
         return None
-    extra = np.zeros(terrain.state.shape)
+    extra, room = np.zeros(terrain.state.shape), terrain.clearance.copy()
     reach = 2.0 * terrain.needed
-    extra[discs(terrain, avoided, reach)] = detour_m / reach
+    for pose in avoided:
+        near = disc(terrain, pose, reach)
+        extra[near] = detour_m / reach
+        gaps = np.hypot(*(terrain.points_of(*near) - [pose.x, pose.y]).T) - terrain.needed
+        room[near] = np.minimum(room[near], np.maximum(gaps, 0.0))
     cost, parent = travel_costs(
         terrain.state, terrain.clearance, extra, terrain.needed, WANTED_CLEARANCE_M, WALL_COST,
         terrain.resolution, block[0] * terrain.state.shape[1] + block[1],
     )  # fmt: skip
-    return TravelField(cost, parent)
+    return TravelField(cost, parent, room)
 
 
 def path_to(terrain: Terrain, field: TravelField, row: int, column: int) -> FloatArray:
@@ -137,8 +145,9 @@ def path_to(terrain: Terrain, field: TravelField, row: int, column: int) -> Floa
         chain.append(int(field.parent[chain[-1]]))
     indices = np.array(chain[::-1], dtype=np.int64)
     units = terrain.centres[indices // width, indices % width]
-    corners = units[shortcut(units, terrain.clearance, WANTED_CLEARANCE_M)]
-    return smooth(terrain, resample(terrain.to_points(corners), PATH_STEP_M))
+    corners = units[shortcut(units, field.room, terrain.needed, WANTED_CLEARANCE_M)]
+    roomy = replace(terrain, clearance=field.room)
+    return smooth(roomy, resample(terrain.to_points(corners), PATH_STEP_M))
 
 
 def replan(
@@ -189,21 +198,16 @@ def clearance_at(terrain: Terrain, points: FloatArray) -> FloatArray:
     return clearance
 
 
-def discs(
-    terrain: Terrain, centres: tuple[Pose2, ...], radius_m: float
-) -> tuple[IntArray, IntArray]:
-    """Rows and columns of the blocks within a radius of any of some points."""
-    found = [np.zeros((2, 0), dtype=np.int64)]
+def disc(terrain: Terrain, centre: Pose2, radius_m: float) -> tuple[IntArray, IntArray]:
+    """Rows and columns of the blocks within a radius of a point."""
     height, width = terrain.state.shape
     reach = radius_m / terrain.resolution
-    for centre in centres:
-        row = (centre.y - terrain.origin_y) / terrain.resolution - 0.5
-        column = (centre.x - terrain.origin_x) / terrain.resolution - 0.5
-        rows = np.arange(max(0, math.ceil(row - reach)), min(height, math.floor(row + reach) + 1))
-        columns = np.arange(
-            max(0, math.ceil(column - reach)), min(width, math.floor(column + reach) + 1)
-        )
-        both = np.stack(np.meshgrid(rows, columns, indexing="ij")).reshape(2, -1)
-        found.append(both[:, np.hypot(both[0] - row, both[1] - column) <= reach])
-    rows, columns = np.concatenate(found, axis=1)
-    return rows, columns
+    row = (centre.y - terrain.origin_y) / terrain.resolution - 0.5
+    column = (centre.x - terrain.origin_x) / terrain.resolution - 0.5
+    rows = np.arange(max(0, math.ceil(row - reach)), min(height, math.floor(row + reach) + 1))
+    columns = np.arange(
+        max(0, math.ceil(column - reach)), min(width, math.floor(column + reach) + 1)
+    )
+    both = np.stack(np.meshgrid(rows, columns, indexing="ij")).reshape(2, -1)
+    within = np.hypot(both[0] - row, both[1] - column) <= reach
+    return both[0][within], both[1][within]

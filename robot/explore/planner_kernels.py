@@ -226,11 +226,12 @@ def segment_clearance(clearance, row_a, column_a, row_b, column_b):
 
 
 @kernel
-def shortcut(path, clearance, wanted):
+def shortcut(path, clearance, needed, wanted):
     """Indices of the points of a path (n×2: row, column in block units) that are enough.
 
     A straight piece may replace a part of the path if it keeps the clearance of that part, or
-    the wanted one if that is less.
+    the wanted one if that is less, and never less than the needed one: where the path itself has
+    less (out of a tight start, past a teammate) it stays as it is.
     """
     n = path.shape[0]
     keep = np.empty(n, dtype=np.int64)
@@ -242,7 +243,7 @@ def shortcut(path, clearance, wanted):
             row, column = int(path[j, 0]), int(path[j, 1])
             least = min(least, clearance[row, column])
             straight = segment_clearance(clearance, path[i, 0], path[i, 1], path[j, 0], path[j, 1])
-            if straight >= min(least, wanted):
+            if straight >= max(needed, min(least, wanted)):
                 farthest = j
             elif j - farthest > 20:
                 break

@@ -25,7 +25,7 @@ FRESH_TICKS = 20
 GIVE_WAY_S, WAIT_S, BACK_S, TURN_S = 25.0, 4.0, 2.5, 2.5
 PASSED_M, PASSED_S = 1.2, 1.0
 WAY_IS_FREE_M = 1.6
-MOST_MEETINGS = 6
+MOST_MEETINGS, MOST_WAITS = 6, 2
 
 
 class Kind(Enum):
@@ -81,7 +81,9 @@ class Recovery:
         self._places.clear()
         self._attempts += 1
         self._stuck_at = pose
-        if mate is not None and self._attempts <= MOST_MEETINGS:
+        # One that stands there finished gets out of the way soon or cannot.
+        most = MOST_WAITS if mate is not None and mate.goal is None else MOST_MEETINGS
+        if mate is not None and self._attempts <= most:
             self.manoeuvre = Manoeuvre(Kind.WAIT, self._after(tick, WAIT_S), mate.name)
         elif mate is None and self._attempts % 3 == 1:
             self.manoeuvre = Manoeuvre(Kind.BACK_UP, self._after(tick, BACK_S))

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from protocol.pose import FloatArray, Pose2
-from robot.perception import kernels
+from robot.perception import field_kernels
 from robot.perception.returns import Returns
 
 ByteArray = npt.NDArray[np.uint8]
@@ -62,7 +62,7 @@ class CorrelationField:
         """Add what a scan at `pose` (`T_field_base`) saw."""
         at = pose.to_array()
         count = len(returns)
-        kernels.draw_returns(
+        field_kernels.draw_returns(
             self.nodes,
             self.origin,
             RESOLUTION_M,
@@ -72,7 +72,7 @@ class CorrelationField:
             count,
             SIGMA_M,
         )
-        kernels.mark_free(
+        field_kernels.mark_free(
             self.free,
             self.origin,
             FREE_RESOLUTION_M,
@@ -85,7 +85,7 @@ class CorrelationField:
 
     def overlay(self, pose: Pose2, returns: Returns) -> Overlay:
         """How a scan at `pose` (`T_field_base`) lies on what this field knows."""
-        compared, hits, traced, crossing = kernels.overlay(
+        compared, hits, traced, crossing = field_kernels.overlay(
             self.nodes,
             self.origin,
             RESOLUTION_M,

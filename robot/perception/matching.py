@@ -6,7 +6,7 @@ from typing import Literal
 import numpy as np
 
 from protocol.pose import FloatArray, Pose2
-from robot.perception import kernels
+from robot.perception import matching_kernels
 from robot.perception.field import RESOLUTION_M, SIGMA_M, CorrelationField
 from robot.perception.returns import Returns
 
@@ -53,7 +53,7 @@ def match_returns(
         return Match(prior, np.zeros((3, 3)), 0.0, 0, False, "few returns")
     pose = (start or prior).to_array()
     information = np.zeros((3, 3))
-    score, iterations, converged = kernels.match_returns(
+    score, iterations, converged = matching_kernels.match_returns(
         field.nodes,
         field.origin,
         RESOLUTION_M,

@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from protocol.config import LidarConfig
 from protocol.pose import FloatArray
-from robot.perception import kernels
+from robot.perception import returns_kernels
 from robot.perception.scan import LaserScan
 
 IntArray = npt.NDArray[np.int64]
@@ -71,7 +71,7 @@ def describe_returns(scan: LaserScan, noise: FloatArray, max_range_m: float) -> 
     wraps = bool(abs(len(angles) * increment - 2.0 * math.pi) < 0.5 * increment)
     values = np.empty((len(ranges), 6))
     links = np.zeros(len(ranges), dtype=np.int64)
-    count = kernels.describe_returns(
+    count = returns_kernels.describe_returns(
         ranges,
         angles,
         increment,

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from protocol.pose import FloatArray, Pose2, wrap_angle
-from robot.perception import kernels
+from robot.perception import search_kernels
 from robot.perception.field import RESOLUTION_M, SIGMA_M, ByteArray, CorrelationField
 from robot.perception.returns import Returns
 
@@ -59,7 +59,7 @@ class Pyramid:
         """As many levels as a window of ± `half_m` makes use of."""
         cells = max(2.0 * half_m / SEARCH_RESOLUTION_M, 2.0)
         levels = min(MAX_LEVELS, max(2, math.ceil(math.log2(cells))))
-        return Pyramid(kernels.build_pyramid(field.nodes, levels), field.origin)
+        return Pyramid(search_kernels.build_pyramid(field.nodes, levels), field.origin)
 
 
 def search(pyramid: Pyramid, returns: Returns, window: Window, floor: float) -> Peak | None:
@@ -77,7 +77,7 @@ def search(pyramid: Pyramid, returns: Returns, window: Window, floor: float) -> 
     cells = _rotated_cells(points, angles, window.centre, pyramid.origin)
     half = max(1, math.ceil(window.half_m / SEARCH_RESOLUTION_M))
     step = float(angles[1] - angles[0]) if len(angles) > 1 else 1.0
-    best, second, nodes = kernels.branch_and_bound(
+    best, second, nodes = search_kernels.branch_and_bound(
         pyramid.levels,
         cells,
         half,

@@ -20,6 +20,11 @@ class CandidateFinder:
         self._since = 0
         self._per_pair: dict[tuple[int, int], int] = {}
 
+    @property
+    def submaps(self) -> tuple[Submap, ...]:
+        """All finished submaps, oldest first."""
+        return tuple(self._submaps)
+
     def add(self, submap: Submap) -> None:
         """A submap that is finished from now on."""
         self._submaps.append(submap)

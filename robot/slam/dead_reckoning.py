@@ -9,6 +9,7 @@ from robot.perception.odometry import Motion
 from robot.perception.scan import LaserScan
 from robot.slam.engine import Anchor, Entry, Estimate, GraphSnapshot, Keyframe
 from robot.slam.gaussian import carry
+from robot.slam.submap import Submap
 from robot.slam.trajectory import RelativeTrajectory
 
 KEYFRAME_M = 0.3
@@ -32,6 +33,10 @@ class DeadReckoning:
     def loop_closures(self) -> int:
         return 0
 
+    @property
+    def anchors(self) -> FloatArray:
+        return self._start.to_array()[None, :]
+
     def step(self, tick: int, motion: Motion, scan: LaserScan | None) -> Estimate:
         """Add a motion: pose and covariance are composed, nothing ever shrinks the latter."""
         self._covariance = carry(self._covariance, motion.T_before_now) + motion.covariance
@@ -45,12 +50,16 @@ class DeadReckoning:
         entries, self._entries = self._entries, []
         return entries
 
-    def trajectory(self) -> FloatArray:
-        return self._trajectory.poses(self._start.to_array()[None, :])
+    @property
+    def submaps(self) -> tuple[Submap, ...]:
+        return ()
+
+    def trajectory(self, anchors: FloatArray | None = None) -> FloatArray:
+        return self._trajectory.poses(self.anchors if anchors is None else anchors)
 
     def graph(self) -> GraphSnapshot:
         return GraphSnapshot(
-            self._start.to_array()[None, :],
+            self.anchors,
             np.empty((0, 2), dtype=np.int32),
             np.empty((0, 3)),
             np.empty((0, 3, 3)),

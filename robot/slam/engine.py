@@ -6,7 +6,7 @@ these methods, and its name in `robot.slam.engines`.
 """
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -14,6 +14,9 @@ import numpy.typing as npt
 from protocol.pose import FloatArray, Pose2
 from robot.perception.odometry import Motion
 from robot.perception.scan import LaserScan
+
+if TYPE_CHECKING:
+    from robot.slam.submap import Submap
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,6 +86,10 @@ class Engine(Protocol):
     def loop_closures(self) -> int:
         """How many closures were accepted so far."""
 
+    @property
+    def anchors(self) -> FloatArray:
+        """`T_map_anchor` of every anchor (m×3), as optimised now; not to be written to."""
+
     def step(self, tick: int, motion: Motion, scan: LaserScan | None) -> Estimate:
         """Take the motion since the last step, and the scan at its end if there is one."""
 
@@ -90,8 +97,13 @@ class Engine(Protocol):
         """What is new for the journal since the last call, in an order that can be replayed:
         an anchor before its keyframes, both ends of a closure before it."""
 
-    def trajectory(self) -> FloatArray:
-        """The pose at every step so far (n×3), as optimised now."""
+    @property
+    def submaps(self) -> "tuple[Submap, ...]":
+        """The finished submaps, oldest first, in which others' scans can be found again."""
+
+    def trajectory(self, anchors: FloatArray | None = None) -> FloatArray:
+        """The pose at every step so far (n×3), as optimised now, or with its anchors elsewhere
+        (m×3, all of them)."""
 
     def graph(self) -> GraphSnapshot:
         """The pose graph over anchors."""

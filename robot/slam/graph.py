@@ -24,6 +24,7 @@ from robot.slam.engine import Anchor, Closure, Entry, Estimate, GraphSnapshot, K
 from robot.slam.front_end import FrontEnd, Progress
 from robot.slam.gaussian import carry
 from robot.slam.loop_closure import Candidate, Query, Verdict, examine
+from robot.slam.submap import Submap
 from robot.slam.trajectory import RelativeTrajectory
 
 START_INFORMATION = np.eye(3) * 1e6
@@ -64,6 +65,10 @@ class GraphSlam:
         self.refusals: dict[str, int] = {}
         """How often candidates were refused, by reason."""
 
+    @property
+    def anchors(self) -> FloatArray:
+        return self._graph.nodes
+
     def step(self, tick: int, motion: Motion, scan: LaserScan | None) -> Estimate:
         """Land what was searched, predict by odometry, correct by the scan, look for loops."""
         for findings in self._jobs.landed(JOB, tick):
@@ -82,8 +87,12 @@ class GraphSlam:
         entries, self._entries = self._entries, []
         return entries
 
-    def trajectory(self) -> FloatArray:
-        return self._trajectory.poses(self._graph.nodes)
+    @property
+    def submaps(self) -> tuple[Submap, ...]:
+        return self._candidates.submaps
+
+    def trajectory(self, anchors: FloatArray | None = None) -> FloatArray:
+        return self._trajectory.poses(self.anchors if anchors is None else anchors)
 
     def graph(self) -> GraphSnapshot:
         return self._graph.snapshot()[0]

@@ -7,6 +7,7 @@ error over a submap of 10 m is below a micrometre), so an engine and the journal
     anchor    [1, index, pose, information]
     keyframe  [2, tick, anchor, pose, covariance, scan]
     closure   [3, of, to, pose, information]
+    link      [4, of, robot, incarnation, to, pose, information]
 
 A pose is 3 float32 (x, y, θ), a symmetric 3×3 matrix 6 float32 (upper triangle, row by row).
 """
@@ -23,9 +24,10 @@ from protocol.config import RobotConfig
 from protocol.errors import MalformedMessageError
 from protocol.pose import FloatArray, Pose2
 from robot.slam.engine import Anchor, Closure, Entry, Keyframe
+from robot.team.journal import LogName
 from robot.team.scan_codec import MAX_BEAMS, compress_scan, decompress_scan
 
-HELLO, ANCHOR, KEYFRAME, CLOSURE = 0, 1, 2, 3
+HELLO, ANCHOR, KEYFRAME, CLOSURE, LINK = 0, 1, 2, 3, 4
 UPPER = np.triu_indices(3)
 
 
@@ -61,13 +63,28 @@ class Hello:
         )
 
 
-def encode_entry(entry: Entry | Hello) -> bytes:
+@dataclass(frozen=True, slots=True)
+class Link:
+    """Anchor `to` of another log as seen from anchor `of` of the log that holds the entry, with
+    information (3×3, tangent space at `to`)."""
+
+    of: int
+    log: LogName
+    to: int
+    T_of_to: Pose2
+    information: FloatArray
+
+
+Known = Entry | Hello | Link
+
+
+def encode_entry(entry: Known) -> bytes:
     """The body of an entry."""
     packed: bytes = msgpack.packb(_fields(entry), use_bin_type=True)
     return packed
 
 
-def _fields(entry: Entry | Hello) -> list[Any]:
+def _fields(entry: Known) -> list[Any]:
     if isinstance(entry, Hello):
         start = None if entry.start is None else entry.start.to_array().astype("<f8").tobytes()
         lidar = [entry.beams, entry.angle_min, entry.increment, entry.max_range_m]
@@ -77,10 +94,13 @@ def _fields(entry: Entry | Hello) -> list[Any]:
     if isinstance(entry, Keyframe):
         pose, covariance = _pose(entry.T_anchor_keyframe), _matrix(entry.covariance)
         return [KEYFRAME, entry.tick, entry.anchor, pose, covariance, compress_scan(entry.ranges)]
+    if isinstance(entry, Link):
+        pose, information = _pose(entry.T_of_to), _matrix(entry.information)
+        return [LINK, entry.of, *entry.log, entry.to, pose, information]
     return [CLOSURE, entry.of, entry.to, _pose(entry.T_of_to), _matrix(entry.information)]
 
 
-def decode_entry(body: bytes, index: int) -> Entry | Hello:
+def decode_entry(body: bytes, index: int) -> Known:
     """The entry in a body; `index` is what a keyframe is numbered with.
 
     Raises MalformedMessageError on anything that `encode_entry` does not write.
@@ -129,11 +149,20 @@ def _decode_closure(rest: list[Any], _: int) -> Closure:
     return Closure(_count(of), _count(to), _read_pose(pose), _read_matrix(information))
 
 
-_DECODERS: dict[int, Callable[[list[Any], int], Entry | Hello]] = {
+def _decode_link(rest: list[Any], _: int) -> Link:
+    of, robot, incarnation, to, pose, information = rest
+    if not isinstance(robot, str) or not 0 < len(robot) <= 32:
+        raise ValueError("the robot's name is missing")
+    log = LogName(robot, _count(incarnation))
+    return Link(_count(of), log, _count(to), _read_pose(pose), _read_matrix(information))
+
+
+_DECODERS: dict[int, Callable[[list[Any], int], Known]] = {
     HELLO: _decode_hello,
     ANCHOR: _decode_anchor,
     KEYFRAME: _decode_keyframe,
     CLOSURE: _decode_closure,
+    LINK: _decode_link,
 }
 
 

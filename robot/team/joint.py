@@ -11,9 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from protocol.pose import FloatArray, Pose2, compose
-from robot.slam.engine import Anchor, Closure, Entry, Keyframe
+from robot.slam.engine import Anchor, Closure, Keyframe
 from robot.slam.pose_graph import optimise
-from robot.team.entries import Hello
+from robot.team.entries import Hello, Known, Link
 from robot.team.journal import LogName
 
 Solution = dict[LogName, FloatArray]
@@ -22,12 +22,14 @@ Solution = dict[LogName, FloatArray]
 
 @dataclass(slots=True)
 class LogGraph:
-    """What one log says: anchors each against the one before, closures, keyframes."""
+    """What one log says: anchors each against the one before, closures, keyframes, and links to
+    anchors of other logs."""
 
     hello: Hello | None = None
     anchors: list[Anchor] = field(default_factory=list)
     closures: list[Closure] = field(default_factory=list)
     keyframes: list[Keyframe] = field(default_factory=list)
+    links: list[Link] = field(default_factory=list)
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +59,7 @@ class JointGraph:
     def logs(self) -> list[LogName]:
         return sorted(self._logs)
 
-    def add(self, name: LogName, entry: Entry | Hello) -> bool:
+    def add(self, name: LogName, entry: Known) -> bool:
         """Take in the next entry of a log; False if it does not fit what came before it."""
         log = self._logs.setdefault(name, LogGraph())
         if isinstance(entry, Hello):
@@ -74,6 +76,11 @@ class JointGraph:
             if entry.anchor >= len(log.anchors) or len(entry.ranges) != log.hello.beams:
                 return False
             log.keyframes.append(entry)
+        elif isinstance(entry, Link):
+            # The other log may come later; until then the link waits.
+            if entry.of >= len(log.anchors) or entry.log == name:
+                return False
+            log.links.append(entry)
         else:
             if max(entry.of, entry.to) >= len(log.anchors):
                 return False
@@ -89,40 +96,55 @@ class JointGraph:
             and hello.start is not None
             and self._logs[name].anchors
         )
-        nodes: list[FloatArray] = []
-        edges: list[tuple[int, int]] = []
-        measured: list[FloatArray] = []
-        information: list[FloatArray] = []
-        first: list[int] = []
-        robust: list[bool] = []
+        chains = [_chain(self._logs[name]) for name in names]
+        sizes = [len(chain) for chain in chains]
+        bases = dict(zip(names, np.cumsum([0, *sizes]).tolist(), strict=False))
+        edges = _Edges()
         for name in names:
-            log = self._logs[name]
-            base = sum(len(chain) for chain in nodes)
-            first.append(base)
-            nodes.append(_chain(log))
-            for anchor in log.anchors[1:]:
-                edges.append((base + anchor.index - 1, base + anchor.index))
-                measured.append(anchor.T_previous_anchor.to_array())
-                information.append(anchor.information)
-                robust.append(False)
-            for closure in log.closures:
-                edges.append((base + closure.of, base + closure.to))
-                measured.append(closure.T_of_to.to_array())
-                information.append(closure.information)
-                robust.append(True)
-        poses = np.concatenate(nodes) if nodes else np.zeros((0, 3))
+            self._add_edges(edges, name, bases)
+        poses = np.concatenate(chains) if chains else np.zeros((0, 3))
         fixed = np.zeros(len(poses), dtype=np.bool_)
-        fixed[first] = True
+        fixed[[bases[name] for name in names]] = True
         return Problem(
             names,
-            tuple(len(chain) for chain in nodes),
+            tuple(sizes),
             poses,
-            np.array(edges, dtype=np.int32).reshape(-1, 2),
-            np.array(measured).reshape(-1, 3),
-            np.array(information).reshape(-1, 3, 3),
+            np.array(edges.nodes, dtype=np.int32).reshape(-1, 2),
+            np.array(edges.measurements).reshape(-1, 3),
+            np.array(edges.information).reshape(-1, 3, 3),
             fixed,
-            np.array(robust, dtype=np.bool_),
+            np.array(edges.robust, dtype=np.bool_),
         )
+
+    def _add_edges(self, edges: "_Edges", name: LogName, bases: dict[LogName, int]) -> None:
+        """What one log says of its own anchors, and of those of others that are there."""
+        log, base = self._logs[name], bases[name]
+        for anchor in log.anchors[1:]:
+            at = base + anchor.index
+            edges.add(at - 1, at, anchor.T_previous_anchor, anchor.information, False)
+        for closure in log.closures:
+            of, to = base + closure.of, base + closure.to
+            edges.add(of, to, closure.T_of_to, closure.information, True)
+        for link in log.links:
+            if link.log in bases and link.to < len(self._logs[link.log].anchors):
+                of, to = base + link.of, bases[link.log] + link.to
+                edges.add(of, to, link.T_of_to, link.information, True)
+
+
+@dataclass(slots=True)
+class _Edges:
+    """Edges as they are gathered."""
+
+    nodes: list[tuple[int, int]] = field(default_factory=list)
+    measurements: list[FloatArray] = field(default_factory=list)
+    information: list[FloatArray] = field(default_factory=list)
+    robust: list[bool] = field(default_factory=list)
+
+    def add(self, of: int, to: int, T_of_to: Pose2, information: FloatArray, robust: bool) -> None:
+        self.nodes.append((of, to))
+        self.measurements.append(T_of_to.to_array())
+        self.information.append(information)
+        self.robust.append(robust)
 
 
 def solve(problem: Problem) -> Solution:

@@ -1,5 +1,6 @@
 """The team as one robot knows it: it hears, remembers, and speaks."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,7 +12,7 @@ from protocol.pose import FloatArray, Pose2
 from robot.jobs import Jobs
 from robot.slam.engine import Entry
 from robot.team.beacon import Beacon, decode_beacon, encode_beacon
-from robot.team.entries import Hello, decode_entry, encode_entry
+from robot.team.entries import Hello, Link, decode_entry, encode_entry
 from robot.team.gossip import ENTRIES, FRAME_OVERHEAD_BYTES, PART, Gossip
 from robot.team.joint import JointGraph, Solution, anchor_pose, solve
 from robot.team.journal import EntryName, Journal, LogName, encode_record
@@ -64,8 +65,8 @@ class Team:
     def write_hello(self, hello: Hello) -> None:
         self._remember(EntryName(self.own_log, 0), encode_entry(hello))
 
-    def write(self, entries: list[Entry]) -> None:
-        """Append what the engine found to this robot's own log."""
+    def write(self, entries: Sequence[Entry | Link]) -> None:
+        """Append what this robot found to its own log."""
         for entry in entries:
             name = EntryName(self.own_log, self.journal.prefix(self.own_log))
             self._remember(name, encode_entry(entry))

@@ -33,7 +33,9 @@ class WallWorld:
     def _cast(self, pose: Pose2, angles: FloatArray) -> FloatArray:
         direction = np.stack([np.cos(pose.theta + angles), np.sin(pose.theta + angles)], axis=-1)
         to_start = self._start - np.array([pose.x, pose.y])
-        cross = direction[:, None, 0] * self._along[:, 1] - direction[:, None, 1] * self._along[:, 0]
+        cross = (
+            direction[:, None, 0] * self._along[:, 1] - direction[:, None, 1] * self._along[:, 0]
+        )
         with np.errstate(divide="ignore", invalid="ignore"):
             ahead = (
                 to_start[:, 0] * self._along[:, 1] - to_start[:, 1] * self._along[:, 0]
@@ -72,5 +74,10 @@ def corridor() -> WallWorld:
 def square() -> WallWorld:
     """An empty room of 4 × 4 m round the origin."""
     return WallWorld(
-        [(-2.0, -2.0, 2.0, -2.0), (2.0, -2.0, 2.0, 2.0), (2.0, 2.0, -2.0, 2.0), (-2.0, 2.0, -2.0, -2.0)]
+        [
+            (-2.0, -2.0, 2.0, -2.0),
+            (2.0, -2.0, 2.0, 2.0),
+            (2.0, 2.0, -2.0, 2.0),
+            (-2.0, 2.0, -2.0, -2.0),
+        ]
     )

@@ -51,7 +51,9 @@ def drive(laps: float, seed: int, noise: str = "modern", every: int = 1) -> Driv
     rng = np.random.default_rng(seed)
     lidar, body = LidarConfig.model_validate({"noise": noise}), BodyConfig()
     odometry, wheels, pose = WheelOdometry(body), np.zeros(2), START
-    truth, motions, scans = [], [], []
+    truth: list[FloatArray] = []
+    motions: list[Motion] = []
+    scans: list[LaserScan] = []
     goal, done = 1, 0.0
     nominal = lidar.angle_min_rad + np.arange(lidar.beams) * lidar.increment_rad
     while done < laps * 33.2:

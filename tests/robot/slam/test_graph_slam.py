@@ -1,5 +1,7 @@
 """GraphSlam on a small building with a loop: accuracy, entries, determinism, hostile input."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -13,27 +15,28 @@ from robot.slam.engine import Anchor, Closure, Estimate, Keyframe
 from robot.slam.graph import GraphSlam
 
 
-def run(engine, drive, first: int = 0, last: int | None = None) -> list[Estimate]:
+def run(engine: Any, drive: Any, first: int = 0, last: int | None = None) -> list[Estimate]:
     ticks = range(first, len(drive.scans) if last is None else last)
     return [engine.step(k, drive.motions[k], drive.scans[k]) for k in ticks]
 
 
-def make(drive, kind=GraphSlam):
+def make(drive: Any, kind: Any = GraphSlam) -> Any:
     return kind(drive.lidar, drive.body, Pose2.from_array(drive.truth[0]), Jobs())
 
 
 def errors(poses: FloatArray, truth: FloatArray) -> FloatArray:
-    return np.hypot(*(poses - truth)[:, :2].T)
+    off = poses - truth
+    return np.asarray(np.hypot(off[:, 0], off[:, 1]), dtype=np.float64)
 
 
 @pytest.fixture(scope="module")
-def done(lap):
+def done(lap: Any) -> tuple[GraphSlam, list[Estimate]]:
     slam = make(lap)
     estimates = run(slam, lap)
     return slam, estimates
 
 
-def test_the_loop_closes_to_centimetres(lap, done):
+def test_the_loop_closes_to_centimetres(lap: Any, done: Any) -> None:
     slam, estimates = done
     dead = make(lap, DeadReckoning)
     run(dead, lap)
@@ -46,7 +49,7 @@ def test_the_loop_closes_to_centimetres(lap, done):
     assert errors(dead.trajectory(), lap.truth).max() > 5 * final.max()
 
 
-def test_every_step_has_a_pose_and_a_covariance(lap, done):
+def test_every_step_has_a_pose_and_a_covariance(lap: Any, done: Any) -> None:
     slam, estimates = done
     assert slam.trajectory().shape == (len(lap.scans), 3)
     for estimate in estimates:
@@ -55,7 +58,7 @@ def test_every_step_has_a_pose_and_a_covariance(lap, done):
         assert np.allclose(estimate.covariance, estimate.covariance.T)
 
 
-def test_the_covariance_is_honest(lap, done):
+def test_the_covariance_is_honest(lap: Any, done: Any) -> None:
     """Errors squared by the covariance: 3 on average if it is exact; far more is a lie."""
     _, estimates = done
     poses = np.array([e.pose.to_array() for e in estimates])
@@ -65,7 +68,7 @@ def test_the_covariance_is_honest(lap, done):
     assert np.mean(nees) < 6.0
 
 
-def test_entries_can_be_replayed(lap):
+def test_entries_can_be_replayed(lap: Any) -> None:
     """Anchors in order, each before its keyframes; both ends of a closure before it; and the chain
     of relative poses leads to where the robot was."""
     slam = make(lap)
@@ -98,7 +101,7 @@ def test_entries_can_be_replayed(lap):
             assert errors(pose.to_array()[None], lap.truth[entry.tick][None])[0] < 0.1
 
 
-def test_two_runs_are_equal_to_the_last_bit(lap):
+def test_two_runs_are_equal_to_the_last_bit(lap: Any) -> None:
     results = []
     for _ in range(2):
         slam = make(lap)
@@ -107,7 +110,7 @@ def test_two_runs_are_equal_to_the_last_bit(lap):
     assert results[0] == results[1]
 
 
-def test_a_checkpoint_goes_on_as_if_nothing_had_been(lap):
+def test_a_checkpoint_goes_on_as_if_nothing_had_been(lap: Any) -> None:
     straight = make(lap)
     run(straight, lap, last=140)
     kept = make(lap)
@@ -117,7 +120,7 @@ def test_a_checkpoint_goes_on_as_if_nothing_had_been(lap):
     assert restored.trajectory().tobytes() == straight.trajectory().tobytes()
 
 
-def test_without_returns_it_falls_back_to_odometry(lap):
+def test_without_returns_it_falls_back_to_odometry(lap: Any) -> None:
     """In open space the pose follows the wheels and the covariance grows; back inside it heals."""
     slam = make(lap)
     run(slam, lap, last=40)
@@ -131,7 +134,7 @@ def test_without_returns_it_falls_back_to_odometry(lap):
     assert errors(after.pose.to_array()[None], lap.truth[81][None])[0] < 0.1
 
 
-def test_beams_that_say_nothing_do_no_harm(lap):
+def test_beams_that_say_nothing_do_no_harm(lap: Any) -> None:
     rng = np.random.default_rng(8)
     slam = make(lap)
     for k in range(120):
@@ -142,7 +145,7 @@ def test_beams_that_say_nothing_do_no_harm(lap):
     assert errors(slam.trajectory(), lap.truth[:120]).max() < 0.05
 
 
-def test_wheels_that_freeze_and_jump_are_overruled(lap):
+def test_wheels_that_freeze_and_jump_are_overruled(lap: Any) -> None:
     """Counts that stand still for some scans and then arrive at once must not bend the map."""
     slam = make(lap)
     held = Pose2(0.0, 0.0, 0.0)
@@ -158,7 +161,7 @@ def test_wheels_that_freeze_and_jump_are_overruled(lap):
     assert errors(slam.trajectory()[-1:], lap.truth[119:120])[0] < 0.1
 
 
-def test_steps_without_a_scan_follow_the_wheels(lap):
+def test_steps_without_a_scan_follow_the_wheels(lap: Any) -> None:
     slam = make(lap)
     run(slam, lap, last=10)
     pose = slam.step(10, STILL, None).pose

@@ -1,0 +1,147 @@
+"""Compiled loops that describe the returns of a scan: points, surfaces, weights."""
+
+import math
+
+import numpy as np
+
+from protocol.kernel import inlined, kernel
+
+
+@kernel
+def describe_returns(
+    ranges, angles, increment, wraps, max_range, max_gap, normal_radius, spacing, noise, out, links
+):
+    """Points, surface normals, weights and σ of a scan's returns; the number of them is returned.
+
+    `noise` = (σ at 0 m, growth per metre, variance per metre, σ of the angle). `out` (n×6) takes
+    x, y, normal x, normal y, weight, σ; the normal is (0, 0) where the neighbours lie on no line.
+    A return on a surface is moved onto the line through its neighbours, as far as noise explains,
+    and its σ is the one across the surface: range noise along a grazing ray does not count there.
+    `links[i]` is 1 when return i and the next lie on one surface.
+    """
+    n = ranges.shape[0]
+    count = 0
+    beam = np.empty(n, dtype=np.int64)
+    for i in range(n):
+        r = ranges[i]
+        if math.isfinite(r) and r <= max_range:
+            out[count, 0] = r * math.cos(angles[i])
+            out[count, 1] = r * math.sin(angles[i])
+            sigma_r = noise[0] + noise[1] * r
+            variance = sigma_r * sigma_r + noise[2] * r + (r * noise[3]) ** 2
+            out[count, 5] = math.sqrt(variance)
+            beam[count] = i
+            count += 1
+    for k in range(count):
+        links[k] = 0
+        following = k + 1
+        gap_beams = 0
+        if following < count:
+            gap_beams = beam[following] - beam[k]
+        elif wraps and count > 1:
+            following = 0
+            gap_beams = n - beam[k] + beam[0]
+        if gap_beams == 0 or gap_beams > 2:
+            continue
+        dx = out[following, 0] - out[k, 0]
+        dy = out[following, 1] - out[k, 1]
+        r = min(ranges[beam[k]], ranges[beam[following]])
+        limit = max(3.0 * r * increment * gap_beams, 3.0 * spacing) + 3.0 * out[k, 5]
+        if math.sqrt(dx * dx + dy * dy) < min(limit, max_gap):
+            links[k] = 1
+    shift = np.zeros(count)
+    across = np.empty(count)
+    for k in range(count):
+        r = ranges[beam[k]]
+        radius = max(normal_radius, 2.5 * r * increment, 4.0 * out[k, 5])
+        nx, ny, near, shift[k] = _normal(out, links, count, k, radius)
+        used = near
+        if near < 3.0 and count > 2:
+            before = (k - 1) % count
+            after = (k + 1) % count
+            if (beam[k] - beam[before]) % n <= 2 and (beam[after] - beam[k]) % n <= 2:
+                nx, ny = _grazing_normal(out, before, k, after)
+                used = 1.0
+        out[k, 2] = nx
+        out[k, 3] = ny
+        out[k, 4] = min(1.0, r * increment / spacing)
+        across[k] = out[k, 5]
+        if nx != 0.0 or ny != 0.0:
+            facing = (out[k, 0] * nx + out[k, 1] * ny) / r
+            sigma_r = noise[0] + noise[1] * r
+            along_ray = (sigma_r * sigma_r + noise[2] * r) * facing * facing
+            sideways = (r * noise[3]) ** 2 * (1.0 - facing * facing)
+            raw = math.sqrt(along_ray + sideways)
+            across[k] = raw / math.sqrt(used)
+            shift[k] = min(max(shift[k], -2.0 * raw), 2.0 * raw)
+    for k in range(count):
+        out[k, 0] += shift[k] * out[k, 2]
+        out[k, 1] += shift[k] * out[k, 3]
+        out[k, 5] = across[k]
+    return count
+
+
+@inlined
+def _normal(out, links, count, k, radius):
+    """Direction across the line through the linked neighbours of return k, (0, 0) for none; how
+    many they are, itself among them; and how far the line passes from the return."""
+    m = 1.0
+    sx = 0.0
+    sy = 0.0
+    sxx = 0.0
+    sxy = 0.0
+    syy = 0.0
+    x0 = out[k, 0]
+    y0 = out[k, 1]
+    for direction in (1, -1):
+        j = k
+        for _ in range(count - 1):
+            step_from = j if direction == 1 else (j - 1) % count
+            if links[step_from] == 0:
+                break
+            j = (j + direction) % count
+            dx = out[j, 0] - x0
+            dy = out[j, 1] - y0
+            if dx * dx + dy * dy > radius * radius:
+                break
+            m += 1.0
+            sx += dx
+            sy += dy
+            sxx += dx * dx
+            sxy += dx * dy
+            syy += dy * dy
+    if m < 3.0:
+        return 0.0, 0.0, m, 0.0
+    sxx -= sx * sx / m
+    sxy -= sx * sy / m
+    syy -= sy * sy / m
+    half_trace = 0.5 * (sxx + syy)
+    root = math.sqrt(max(0.25 * (sxx - syy) ** 2 + sxy * sxy, 0.0))
+    large = half_trace + root
+    small = half_trace - root
+    if small > 0.08 * large:
+        return 0.0, 0.0, m, 0.0
+    along = 0.5 * math.atan2(2.0 * sxy, sxx - syy)
+    nx = -math.sin(along)
+    ny = math.cos(along)
+    return nx, ny, m, (sx * nx + sy * ny) / m
+
+
+@inlined
+def _grazing_normal(out, before, k, after):
+    """Normal of a wall seen at so flat an angle that its returns lie far apart; (0, 0) for none.
+
+    Taken for spots, such returns would hold the robot where the wall lets it slide.
+    """
+    dx = out[after, 0] - out[before, 0]
+    dy = out[after, 1] - out[before, 1]
+    length = math.sqrt(dx * dx + dy * dy)
+    if length == 0.0:
+        return 0.0, 0.0
+    px = out[k, 0] - out[before, 0]
+    py = out[k, 1] - out[before, 1]
+    along = (px * dx + py * dy) / length
+    across = (px * dy - py * dx) / length
+    if along <= 0.0 or along >= length or abs(across) > 0.02 * length + 3.0 * out[k, 5]:
+        return 0.0, 0.0
+    return -dy / length, dx / length

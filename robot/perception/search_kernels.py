@@ -1,0 +1,119 @@
+"""Compiled loops of exhaustive search: block maxima of a field, branch and bound over poses."""
+
+import heapq
+
+import numpy as np
+
+from protocol.kernel import inlined, kernel
+
+
+@kernel
+def build_pyramid(field, levels):
+    """Maxima over 2^level × 2^level nodes that start at each node: levels×rows×columns.
+
+    Level 0 is the field at half its resolution (maximum of 2 × 2 nodes), which is what is searched.
+    """
+    rows = (field.shape[0] + 1) // 2
+    columns = (field.shape[1] + 1) // 2
+    pyramid = np.zeros((levels, rows, columns), dtype=np.uint8)
+    for row in range(field.shape[0]):
+        for column in range(field.shape[1]):
+            value = field[row, column]
+            if value > pyramid[0, row // 2, column // 2]:
+                pyramid[0, row // 2, column // 2] = value
+    for level in range(1, levels):
+        half = 1 << (level - 1)
+        for row in range(rows):
+            for column in range(columns):
+                best = pyramid[level - 1, row, column]
+                if row + half < rows:
+                    best = max(best, pyramid[level - 1, row + half, column])
+                if column + half < columns:
+                    best = max(best, pyramid[level - 1, row, column + half])
+                if row + half < rows and column + half < columns:
+                    best = max(best, pyramid[level - 1, row + half, column + half])
+                pyramid[level, row, column] = best
+    return pyramid
+
+
+@inlined
+def _bound(pyramid, level, cells, angle, row, column):
+    """Sum over the points of the maxima of a block of offsets that starts at (row, column)."""
+    rows = pyramid.shape[1]
+    columns = pyramid.shape[2]
+    size = 1 << level
+    total = 0
+    for k in range(cells.shape[1]):
+        r = cells[angle, k, 0] + row
+        c = cells[angle, k, 1] + column
+        # A block that starts before the grid still reaches into it; its first node is what counts.
+        if r < 0 and r + size > 0:
+            r = 0
+        if c < 0 and c + size > 0:
+            c = 0
+        if 0 <= r < rows and 0 <= c < columns:
+            total += pyramid[level, r, c]
+    return total
+
+
+@kernel
+def branch_and_bound(
+    pyramid, cells, half_rows, half_columns, exclusion_cells, exclusion_angles, floor, max_nodes
+):
+    """Best offset of rotated points on a field, and the best one elsewhere; all in search cells.
+
+    `cells` (angles×points×2) are rows and columns of the points at each rotation, at offset 0.
+    Offsets within ±half_rows, ±half_columns are searched best-first, so that the first leaf met is
+    the best of all; the second result is the best leaf outside the exclusion zone round it, or
+    (angle −1) a bound on it. Returns best (total, angle, row, column), second (the same), nodes.
+    After Olson, "Real-time correlative scan matching", 2009 and Hess et al., "Real-time loop
+    closure in 2D lidar SLAM", 2016.
+    """
+    top = pyramid.shape[0] - 1
+    size = 1 << top
+    heap = [(0, 0, 0, 0, 0)]
+    heap.clear()
+    for angle in range(cells.shape[0]):
+        for row in range(-half_rows, half_rows + 1, size):
+            for column in range(-half_columns, half_columns + 1, size):
+                total = _bound(pyramid, top, cells, angle, row, column)
+                if total > floor:
+                    heap.append((-total, top, angle, row, column))
+    heapq.heapify(heap)
+    best = (0, -1, 0, 0)
+    second = (0, -1, 0, 0)
+    nodes = 0
+    while len(heap) > 0:
+        negative, level, angle, row, column = heapq.heappop(heap)
+        nodes += 1
+        if best[1] >= 0:
+            size = 1 << level
+            near_rows = abs(row - best[2]) < exclusion_cells and (
+                abs(row + size - 1 - best[2]) < exclusion_cells
+            )
+            near_columns = abs(column - best[3]) < exclusion_cells and (
+                abs(column + size - 1 - best[3]) < exclusion_cells
+            )
+            if near_rows and near_columns and abs(angle - best[1]) < exclusion_angles:
+                continue
+        if nodes > max_nodes:
+            if best[1] >= 0:
+                second = (-negative, -1, 0, 0)
+            break
+        if level == 0:
+            if best[1] < 0:
+                best = (-negative, angle, row, column)
+                continue
+            second = (-negative, angle, row, column)
+            break
+        half = 1 << (level - 1)
+        for i in range(2):
+            for j in range(2):
+                r = row + i * half
+                c = column + j * half
+                if r > half_rows or c > half_columns:
+                    continue
+                total = _bound(pyramid, level - 1, cells, angle, r, c)
+                if total > floor:
+                    heapq.heappush(heap, (-total, level - 1, angle, r, c))
+    return best, second, nodes

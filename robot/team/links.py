@@ -1,0 +1,155 @@
+"""Links between robots: a teammate's scans found again in this robot's own submaps.
+
+Where both logs lie in the team's frame, the joint solution says where a teammate's keyframe must
+be in a submap of ours, to within what both have drifted. The scan is matched there and judged
+like a loop closure of our own; what passes ties the two logs together in the joint solution.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from protocol.config import LidarConfig
+from protocol.pose import FloatArray, Pose2, compose
+from robot.jobs import Jobs
+from robot.perception.returns import describe_returns, noise_model
+from robot.perception.scan import LaserScan
+from robot.slam.config import GraphSlamConfig
+from robot.slam.engine import Keyframe
+from robot.slam.loop_closure import Candidate, Query, Verdict, examine
+from robot.slam.submap import Submap
+from robot.team.entries import Link
+from robot.team.joint import JointGraph, LogGraph, Solution, anchor_pose
+from robot.team.journal import LogName
+
+JOB = "links"
+EVERY_TICKS = 2
+LANDING_TICKS = 3
+NEAR_M = 4.0  # between a teammate's keyframe and the way that a submap was driven
+TRIES = 2  # keyframes of one anchor that are tried in one submap
+# A match farther than this from where both maps put it is of another place.
+MAX_SHIFT_M, MAX_TURN_RAD = 0.5, 0.1
+
+Pair = tuple[LogName, int, int]
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """A teammate's keyframe to be found in a submap, and where it should be there."""
+
+    log: LogName
+    keyframe: Keyframe
+    angles: FloatArray
+    max_range_m: float
+    submap: Submap
+    T_submap_base: Pose2
+
+
+class LinkFinder:
+    """Goes through all pairs of own submaps and teammates' anchors, each once."""
+
+    def __init__(self, own: LogName, lidar: LidarConfig, config: GraphSlamConfig) -> None:
+        self._own = own
+        self._noise = noise_model(lidar)
+        self._config = config
+        self._examined: set[Pair] = set()
+
+    def step(
+        self,
+        tick: int,
+        jobs: Jobs,
+        graph: JointGraph,
+        solution: Solution,
+        submaps: tuple[Submap, ...],
+    ) -> list[Link]:
+        """The links that landed at this tick; starts the next trial when none is under way."""
+        found = [link for links in jobs.landed(JOB, tick) for link in links]
+        if tick % EVERY_TICKS == 0 and self._own in solution and not jobs.pending(JOB):
+            trials = self._next_trials(graph, solution, submaps)
+            if trials:
+                jobs.start(JOB, tick, LANDING_TICKS, find_links, trials, self._noise, self._config)
+        return found
+
+    def _next_trials(
+        self, graph: JointGraph, solution: Solution, submaps: tuple[Submap, ...]
+    ) -> tuple[Trial, ...]:
+        """The first pair that is near and not examined yet, as up to `TRIES` trials."""
+        ours = graph.log(self._own)
+        for name in sorted(solution):
+            log = graph.log(name)
+            if name == self._own or log is None or log.hello is None:
+                continue
+            for submap in submaps:
+                placed = anchor_pose(ours, solution[self._own], submap.index)
+                if placed is None:
+                    continue
+                for anchor, keyframes in self._waiting(name, log, submap):
+                    self._examined.add((name, anchor, submap.index))
+                    there = anchor_pose(log, solution[name], anchor)
+                    if there is None:
+                        continue
+                    T_submap_anchor = placed.inverse() @ there
+                    near = _near(submap, T_submap_anchor, keyframes)
+                    if near:
+                        return tuple(
+                            Trial(
+                                name,
+                                keyframe,
+                                log.hello.angles,
+                                log.hello.max_range_m,
+                                submap,
+                                T_submap_anchor @ keyframe.T_anchor_keyframe,
+                            )
+                            for keyframe in near
+                        )
+        return ()
+
+    def _waiting(
+        self, name: LogName, log: LogGraph, submap: Submap
+    ) -> Iterator[tuple[int, list[Keyframe]]]:
+        """Anchors that have all their keyframes (a later one exists) and were not examined."""
+        for anchor in range(len(log.anchors) - 2):
+            if (name, anchor, submap.index) not in self._examined:
+                yield anchor, [k for k in log.keyframes if k.anchor == anchor]
+
+
+def _near(submap: Submap, T_submap_anchor: Pose2, keyframes: list[Keyframe]) -> list[Keyframe]:
+    """Up to `TRIES` of the keyframes near the way of the submap, spread over them."""
+    if not keyframes or not submap.keyframes:
+        return []
+    relative = np.array([keyframe.T_anchor_keyframe.to_array() for keyframe in keyframes])
+    there = compose(T_submap_anchor.to_array(), relative)
+    way = np.array(submap.keyframes)
+    apart = np.hypot(there[:, None, 0] - way[None, :, 0], there[:, None, 1] - way[None, :, 1]).min(
+        axis=1
+    )
+    near = [keyframe for keyframe, away in zip(keyframes, apart, strict=True) if away <= NEAR_M]
+    if len(near) <= TRIES:
+        return near
+    return [near[(2 * i + 1) * len(near) // (2 * TRIES)] for i in range(TRIES)]
+
+
+def find_links(
+    trials: tuple[Trial, ...], noise: FloatArray, config: GraphSlamConfig
+) -> tuple[Link, ...]:
+    """Match and judge; what was accepted, as links. Pure: runs as a job."""
+    links = []
+    for trial in trials:
+        keyframe = trial.keyframe
+        scan = LaserScan(keyframe.ranges, trial.angles, trial.max_range_m)
+        returns = describe_returns(scan, noise, config.front_end.usable_range_m)
+        query = Query(keyframe.anchor, keyframe.T_anchor_keyframe, keyframe.covariance, returns)
+        candidate = Candidate(trial.submap, trial.T_submap_base, 0.0, 0.0)
+        (verdict,) = examine(query, (candidate,), config.closures)
+        if verdict.accepted and _is_where_expected(trial, verdict):
+            links.append(
+                Link(verdict.of, trial.log, verdict.to, verdict.T_of_to, verdict.information)
+            )
+    return tuple(links)
+
+
+def _is_where_expected(trial: Trial, verdict: Verdict) -> bool:
+    found = verdict.T_of_to @ trial.keyframe.T_anchor_keyframe
+    shift = trial.T_submap_base.inverse() @ found
+    return bool(np.hypot(shift.x, shift.y) <= MAX_SHIFT_M and abs(shift.theta) <= MAX_TURN_RAD)
