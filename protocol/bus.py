@@ -6,8 +6,11 @@ session puts is received in the order of put, across keys: a loop that reads one
 radio frames before the message that counts them.
 """
 
+import itertools
 import logging
 import queue
+import struct
+import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -17,11 +20,12 @@ from typing import Any, TypeVar
 
 import zenoh
 
+from protocol.allowance import Allowance
 from protocol.bus_config import BusConfig
 from protocol.codec import decode, encode, encoding_of
 from protocol.errors import EarshotError, MalformedMessageError
 from protocol.model import Message
-from protocol.topics import Topic
+from protocol.topics import Style, Topic
 
 log = logging.getLogger(__name__)
 
@@ -68,7 +72,37 @@ class Presence:
     alive: bool
 
 
-Event = Arrival | Question | Presence
+@dataclass(frozen=True, slots=True)
+class Flood:
+    """A robot used up its allowance: more of it is dropped unread until the next refill, and had
+    better be muted."""
+
+    robot: str
+
+
+Event = Arrival | Question | Presence | Flood
+
+SEQUENCE = struct.Struct("<Q")
+
+
+class _Limited:
+    """A subscription or queryable that can be closed and opened again."""
+
+    def __init__(self, declare: Callable[..., Any], key: str, handler: Any) -> None:
+        self._declare = declare
+        self._key = key
+        self._handler = handler
+        self._entity: Any = None
+        self.open()
+
+    def open(self) -> None:
+        if self._entity is None:
+            self._entity = self._declare(self._key, self._handler)
+
+    def close(self) -> None:
+        if self._entity is not None:
+            self._entity.undeclare()
+            self._entity = None
 
 
 class Inbox:
@@ -78,24 +112,34 @@ class Inbox:
         self._session = session
         self._queue: queue.SimpleQueue[tuple[Topic, str, Any] | None] = queue.SimpleQueue()
         self._entities: list[Any] = []
+        self._limited: dict[str, list[_Limited]] = {}
         self.malformed: Counter[tuple[str, str]] = Counter()
         """Messages that were dropped, by topic and kind of defect."""
+        self._sequences: dict[tuple[str, str], int] = {}
 
-    def subscribe(self, topic: Topic, robot: str = "") -> None:
-        """Receive the messages of a topic."""
-        key, handler = topic.key_for(robot), self._handler(topic, robot)
-        self._entities.append(self._session.declare_subscriber(key, handler))
+    def subscribe(self, topic: Topic, robot: str = "", allowance: Allowance | None = None) -> None:
+        """Receive the messages of a topic, with an allowance no more than it grants."""
+        self._declare(self._session.declare_subscriber, topic, robot, allowance)
 
-    def serve(self, topic: Topic, robot: str = "") -> None:
+    def serve(self, topic: Topic, robot: str = "", allowance: Allowance | None = None) -> None:
         """Receive the questions on a topic; each must be answered."""
-        key, handler = topic.key_for(robot), self._handler(topic, robot)
-        self._entities.append(self._session.declare_queryable(key, handler))
+        self._declare(self._session.declare_queryable, topic, robot, allowance)
 
     def watch(self, topic: Topic, robot: str = "") -> None:
         """Receive the presence of a topic's owner, also if it is there already."""
         key, handler = topic.key_for(robot), self._handler(topic, robot)
         liveliness = self._session.liveliness()
         self._entities.append(liveliness.declare_subscriber(key, handler, history=True))
+
+    def mute(self, robot: str) -> None:
+        """Take no more of what comes from a robot under an allowance: the router keeps it."""
+        for limited in self._limited.get(robot, ()):
+            limited.close()
+
+    def unmute(self, robot: str) -> None:
+        """Listen again after `mute`."""
+        for limited in self._limited.get(robot, ()):
+            limited.open()
 
     def ask(
         self, topic: Topic, robot: str = "", timeout_s: float = 10.0, *, wake_at_end: bool = False
@@ -104,7 +148,7 @@ class Inbox:
 
         With `wake_at_end` a None follows when no (further) answer will come.
         """
-        handler = self._handler(topic, robot, self.wake if wake_at_end else None)
+        handler = self._handler(topic, robot, at_end=self.wake if wake_at_end else None)
         self._session.get(topic.key_for(robot), handler, timeout=timeout_s, express=True)
 
     def wake(self) -> None:
@@ -132,16 +176,37 @@ class Inbox:
             if event is not None:
                 yield event
 
-    def _handler(self, topic: Topic, robot: str, at_end: Callable[[], None] | None = None) -> Any:
+    def _declare(
+        self, declare: Callable[..., Any], topic: Topic, robot: str, allowance: Allowance | None
+    ) -> None:
+        key, handler = topic.key_for(robot), self._handler(topic, robot, allowance=allowance)
+        if allowance is None:
+            self._entities.append(declare(key, handler))
+        else:
+            self._limited.setdefault(robot, []).append(_Limited(declare, key, handler))
+
+    def _handler(
+        self,
+        topic: Topic,
+        robot: str,
+        *,
+        allowance: Allowance | None = None,
+        at_end: Callable[[], None] | None = None,
+    ) -> Any:
         put = self._queue.put
 
         def receive(item: Any) -> None:
-            put((topic, robot, item))
+            if allowance is None or allowance.take(len(item.payload or b"")):
+                put((topic, robot, item))
+            elif allowance.turned_empty():
+                put((topic, robot, Flood(robot)))
 
         # Directly in Zenoh's receiving thread: a thread per callback would lose the order.
         return zenoh.handlers.Callback(receive, at_end, indirect=False)
 
     def _read(self, topic: Topic, robot: str, item: Any) -> Event | None:
+        if isinstance(item, Flood):
+            return item
         if isinstance(item, zenoh.Query):
             return Question(topic, robot, item)
         sample = item.ok if isinstance(item, zenoh.Reply) else item
@@ -151,10 +216,22 @@ class Inbox:
             return Presence(topic, robot, sample.kind == zenoh.SampleKind.PUT)
         try:
             message = decode(topic.schema, sample.payload.to_bytes(), str(sample.encoding))
+            if topic.style is Style.PUBLISH:
+                self._check_sequence(topic, robot, sample.attachment)
         except MalformedMessageError as error:
             self._drop(topic, robot, error)
             return None
         return Arrival(topic, robot, message)
+
+    def _check_sequence(self, topic: Topic, robot: str, attachment: zenoh.ZBytes | None) -> None:
+        """Refuse what was heard before, or is older than what was."""
+        data = b"" if attachment is None else attachment.to_bytes()
+        if len(data) != SEQUENCE.size:
+            raise MalformedMessageError("sequence", "its sequence number is missing")
+        (number,) = SEQUENCE.unpack(data)
+        if number <= self._sequences.get((topic.name, robot), -1):
+            raise MalformedMessageError("replay", "it is a repetition of an earlier message")
+        self._sequences[topic.name, robot] = number
 
     def _drop(self, topic: Topic, robot: str, error: MalformedMessageError) -> None:
         self.malformed[topic.name, error.kind] += 1
@@ -169,6 +246,9 @@ class Bus:
         self._session = session
         self._tokens: dict[str, zenoh.LivelinessToken] = {}
         self._publishers: dict[str, zenoh.Publisher] = {}
+        # From the time on, so that a process that is started again goes on above where it was.
+        self._sequence = itertools.count(time.time_ns())
+        self._order = threading.Lock()
 
     def inbox(self) -> Inbox:
         """An empty inbox; subscribe it to what its loop needs."""
@@ -176,7 +256,9 @@ class Bus:
 
     def publish(self, topic: Topic, message: Message, robot: str = "") -> None:
         """Send a message on a topic."""
-        self._publisher(topic, robot).put(encode(message))
+        publisher, payload = self._publisher(topic, robot), encode(message)
+        with self._order:  # numbers must leave in their order, also from two threads
+            publisher.put(payload, attachment=SEQUENCE.pack(next(self._sequence)))
 
     def is_heard(self, topic: Topic, robot: str = "") -> bool:
         """Whether anyone listens to a topic now."""
@@ -232,6 +314,7 @@ def open_bus(config: BusConfig) -> Iterator[Bus]:
     try:
         session = zenoh.open(config.to_zenoh())
     except zenoh.ZError as error:
-        raise BusError(f"{config.summary()}: {error}") from error
+        hint = config.refusal_hint()
+        raise BusError(f"{config.summary()}: {error}{hint}") from error
     with session:
         yield Bus(session)

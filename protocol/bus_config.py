@@ -11,7 +11,10 @@ from typing import Literal
 import zenoh
 from pydantic import Field
 
+from protocol.access import access_control
+from protocol.config import RobotName
 from protocol.errors import EarshotError
+from protocol.keys import read_key, users_file
 from protocol.model import Model
 
 
@@ -30,6 +33,11 @@ class BusConfig(Model):
     lease_s: float = Field(
         10.0, gt=0.0, description="silence of a link after which its other end counts as gone"
     )
+    key: Path | None = Field(None, description="a client's own key file (protocol.keys)")
+    keys: Path | None = Field(
+        None, description="a router's folder of keys: with one, `members` alone may take part"
+    )
+    members: tuple[RobotName, ...] = ()
     file: Path | None = Field(None, description="a json5 file of Zenoh to start from")
     overrides: tuple[str, ...] = ()
 
@@ -51,13 +59,17 @@ class BusConfig(Model):
 
     @staticmethod
     def router(*listen: str, namespace: str = "earshot") -> "BusConfig":
-        """An embedded router: what the world opens."""
+        """An embedded router: what the world opens. Anybody may take part until it is `walled`."""
         return BusConfig(mode="router", listen=listen, namespace=namespace)
 
     @staticmethod
-    def client(*connect: str, namespace: str = "earshot") -> "BusConfig":
-        """A client of a router: what a robot opens."""
-        return BusConfig(mode="client", connect=connect, namespace=namespace)
+    def client(*connect: str, namespace: str = "earshot", key: Path | None = None) -> "BusConfig":
+        """A client of a router: what a robot opens, with its key where the router is walled."""
+        return BusConfig(mode="client", connect=connect, namespace=namespace, key=key)
+
+    def walled(self, keys: Path, members: tuple[str, ...]) -> "BusConfig":
+        """The same with access control: each of these robots under its own keys alone."""
+        return self.model_copy(update={"keys": keys, "members": members})
 
     def summary(self) -> str:
         """One phrase for messages: the mode and its endpoints."""
@@ -68,8 +80,19 @@ class BusConfig(Model):
             parts.append("connecting to " + ", ".join(self.connect))
         return " ".join(parts)
 
+    def refusal_hint(self) -> str:
+        """What to add where a connection failed: a walled router refuses without a word."""
+        if self.mode != "client":
+            return ""
+        if self.key is None:
+            return " (does the world ask for keys? Then give this robot's own with --keys)"
+        return f" (is {self.key} one of the keys that the world was given?)"
+
     def to_zenoh(self) -> zenoh.Config:
-        """The configuration as Zenoh takes it. Raises BusConfigError for what it refuses."""
+        """The configuration as Zenoh takes it.
+
+        Raises BusConfigError for what it refuses, and KeysError for keys that are not there.
+        """
         config = self._base()
         _insert(config, "mode", "peer" if self.mode == "memory" else self.mode)
         _insert(config, "listen/endpoints", list(self.listen))
@@ -83,12 +106,24 @@ class BusConfig(Model):
         _insert(config, "scouting/delay", 0)  # nobody is scouted: nothing to wait for
         _insert(config, "transport/link/tx/lease", int(1000 * self.lease_s))
         _insert(config, "namespace", self.namespace)
+        self._insert_access(config)
         for override in self.overrides:
             key, colon, value = override.partition(":")
             if not colon:
                 raise BusConfigError(f'--cfg {override}: expected KEY:VALUE, such as mode:"peer"')
             _insert_json5(config, key, value)
         return config
+
+    def _insert_access(self, config: zenoh.Config) -> None:
+        """The router's users and rules, or what a client proves its name with."""
+        if self.keys is not None:
+            users = users_file(self.keys, self.members)
+            _insert(config, "transport/auth/usrpwd/dictionary_file", str(users))
+            _insert(config, "access_control", access_control(self.members, self.namespace))
+        if self.key is not None:
+            key = read_key(self.key)
+            _insert(config, "transport/auth/usrpwd/user", key.user)
+            _insert(config, "transport/auth/usrpwd/password", key.password)
 
     def _base(self) -> zenoh.Config:
         if self.file is None:

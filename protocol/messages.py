@@ -168,10 +168,10 @@ class MapReply(Message):
 class TrajectoryReply(Message):
     """Answer of `robot/<name>/trajectory`: poses n×3 (x, y, θ) in the robot's map frame.
 
-    `online` is each estimate as it was at its own tick, `final` the same ticks as optimised now.
-    `nodes` (m×3) and `edges` are the pose graph: `edge_nodes` k×2, and `edge_values` k×9 with
-    the measured (x, y, θ) and I11 I12 I13 I22 I23 I33. The counts are of radio frames and bytes,
-    to be held against the world's ledger.
+    `online` is each estimate as it was at its own tick, `final` the same ticks as the joint
+    solution places them now. `nodes` (m×3) and `edges` are the robot's own pose graph:
+    `edge_nodes` k×2, and `edge_values` k×9 with the measured (x, y, θ) and I11 I12 I13 I22 I23
+    I33. The counts are of radio frames and bytes, to be held against the world's ledger.
     """
 
     SCHEMA: ClassVar[str] = "trajectory-reply"
@@ -211,3 +211,39 @@ class Truth(Message):
     robots: tuple[RobotName, ...]
     poses: Float64Matrix
     links: Int8Matrix
+
+
+class FrameCount(Model):
+    """Radio frames, and the bytes that they take on the air."""
+
+    frames: int = Field(ge=0)
+    bytes: int = Field(ge=0)
+
+
+class LiveRadio(Message):
+    """The radio for the operator alone: who can hear whom now (n×n, 0 or 1, in the order of
+    `robots`), and the ledger so far: offered = delivered + dropped by reason + in flight."""
+
+    SCHEMA: ClassVar[str] = "live-radio"
+
+    tick: Tick
+    stamp: float
+    robots: tuple[RobotName, ...]
+    links: Int8Matrix
+    offered: FrameCount
+    delivered: FrameCount
+    dropped: dict[str, FrameCount]
+    in_flight: FrameCount
+
+
+class LiveScore(Message):
+    """How the team is doing by the referee's word, for the operator alone."""
+
+    SCHEMA: ClassVar[str] = "live-score"
+
+    tick: Tick
+    stamp: float
+    coverage: float | None = Field(None, description="by the newest maps; none before the first")
+    collisions: int = Field(ge=0)
+    alive: tuple[RobotName, ...]
+    finished: tuple[RobotName, ...]

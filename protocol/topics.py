@@ -15,6 +15,8 @@ from protocol.messages import (
     Action,
     Ended,
     HeardFrame,
+    LiveRadio,
+    LiveScore,
     MapReply,
     RadioFrame,
     Report,
@@ -204,6 +206,28 @@ TRUTH = Topic(
     reliable=False,
     rate="every tick, while someone listens",
 )
+RADIO = Topic(
+    "radio",
+    "world/radio",
+    Style.PUBLISH,
+    "world",
+    "station",
+    LiveRadio,
+    keep="latest",
+    reliable=False,
+    rate="each simulated second, while someone listens",
+)
+SCORE = Topic(
+    "score",
+    "world/score",
+    Style.PUBLISH,
+    "world",
+    "station",
+    LiveScore,
+    keep="latest",
+    reliable=False,
+    rate="each simulated second, while someone listens",
+)
 
 TOPICS: tuple[Topic, ...] = (
     SENSE,
@@ -219,4 +243,6 @@ TOPICS: tuple[Topic, ...] = (
     ROBOT_ALIVE,
     WORLD_ALIVE,
     TRUTH,
+    RADIO,
+    SCORE,
 )

@@ -7,8 +7,8 @@ from pathlib import Path
 from station.options import SubParsers, add_bus_options, add_command, bus_config_from
 
 EXAMPLES = """examples:
-  earshot robot r1 --connect tcp/127.0.0.1:7447
-  earshot robot r2 -e tcp/world:7447 --journal journals
+  earshot robot r1 --connect tcp/127.0.0.1:7447 --keys keys/r1.key
+  earshot robot r2 -e tcp/world:7447 --keys r2.key --journal journals
 
 exit codes: 0 the run has ended, 2 an error, 3 the world is gone, 130 interrupted"""
 
@@ -18,6 +18,9 @@ EXIT_CODES = {"ENDED": 0, "WORLD_LOST": 3, "INTERRUPTED": 130}
 def add_parser(commands: SubParsers) -> None:
     parser = add_command(commands, "robot", "be one robot of a run", EXAMPLES)
     parser.add_argument("name", metavar="NAME", help="as in the world's scenario")
+    parser.add_argument(
+        "--keys", type=Path, metavar="FILE", help="this robot's own key, made by `earshot keys`"
+    )
     parser.add_argument(
         "--journal", type=Path, metavar="DIR", help="keep what the robot knows on disk, here"
     )
@@ -38,7 +41,8 @@ def run(args: argparse.Namespace) -> int:
     ensure_warm()  # before anybody waits for this robot
     if not args.connect and not args.config:
         args.connect = ["tcp/127.0.0.1:7447"]
-    config = bus_config_from(args, "client").model_copy(update={"connect_timeout_s": args.wait})
+    own = {"connect_timeout_s": args.wait, "key": args.keys}
+    config = bus_config_from(args, "client").model_copy(update=own)
     with interrupts() as interrupt, open_bus(config) as bus:
         farewell = run_robot(
             bus,

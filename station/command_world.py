@@ -18,16 +18,27 @@ if TYPE_CHECKING:
     from station.observer import Observer, RunOutcome
 
 EXAMPLES = """examples:
-  earshot world --listen tcp/0.0.0.0:7447 --robots 3
-  earshot world scenario.yaml -l tcp/127.0.0.1:7447 --headless
+  earshot keys r1 r2 r3 --out keys
+  earshot world --listen tcp/0.0.0.0:7447 --robots 3 --keys keys
+  earshot world scenario.yaml -l tcp/127.0.0.1:7447 --keys keys --headless
 
-It waits until every robot of the scenario has come: start each with
-  earshot robot NAME --connect tcp/HOST:7447"""
+It waits until every robot of the scenario has come: take each its own key, and start it with
+  earshot robot NAME --connect tcp/HOST:7447 --keys NAME.key"""
 
 
 def add_parser(commands: SubParsers) -> None:
     parser = add_command(commands, "world", "be the world of a run, and report on it", EXAMPLES)
     add_scenario_options(parser)
+    group = parser.add_argument_group("who may take part (one of these)")
+    wall = group.add_mutually_exclusive_group(required=True)
+    wall.add_argument(
+        "--keys", type=Path, metavar="DIR", help="whose keys are here, made by `earshot keys`"
+    )
+    wall.add_argument(
+        "--open-to-anybody",
+        action="store_true",
+        help="no keys: whoever reaches the port reads everything and can be any robot",
+    )
     add_bus_options(parser)
     add_desk_options(parser)
     parser.set_defaults(run=run)
@@ -43,6 +54,8 @@ def run(args: argparse.Namespace) -> int:
     if not args.listen and not args.config:
         args.listen = ["tcp/127.0.0.1:7447"]
     config = bus_config_from(args, "router")
+    if args.keys is not None:
+        config = config.walled(args.keys, scenario.names)
 
     def play(observer: "Observer", folder: Path) -> "RunOutcome":
         del folder

@@ -11,7 +11,8 @@ from station.observer import Observer, RunOutcome
 from station.report import TEAM_PICTURE, write_report
 from station.report_folder import run_folder
 from station.report_tables import metrics_table
-from world.process import INTERRUPTED, NO_ANSWER
+from world.pace import NO_ANSWER
+from world.process import INTERRUPTED
 from world.simulation import NOBODY_LEFT
 
 Play = Callable[[Observer, Path], RunOutcome]

@@ -8,6 +8,7 @@ Lines that start with # are comments in both.
 """
 
 import math
+from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +18,7 @@ import numpy.typing as npt
 
 from maps.pixels import write_whole
 from protocol.errors import EarshotError
-from protocol.pose import FloatArray, wrap_angles
+from protocol.pose import IDENTITY, FloatArray, Pose2, wrap_angles
 
 TUM_FIELDS = "stamp tx ty tz qx qy qz qw"
 VERTEX_FIELDS = "VERTEX_SE2 id x y theta"
@@ -104,8 +105,12 @@ def write_g2o(graph: PoseGraph, path: Path) -> None:
 def read_g2o(path: Path) -> PoseGraph:
     """Read a planar pose graph. Node ids may be any integers; rows keep their order in the file.
 
+    A file may have edges alone: then its nodes, in the order of their ids, stand where the edges
+    put them, each by the first edge that ties it to one that stands (`chained`).
+
     Raises FormatError on an unknown kind of line, a wrong number of fields, a number that is none,
-    a node given twice, and an edge to a node that the file does not have.
+    a node given twice, an edge to a node that the file does not have, and, in a file of edges
+    alone, a node that they do not tie to the first one.
     """
     nodes: list[list[float]] = []
     row_of: dict[int, int] = {}
@@ -131,26 +136,80 @@ def read_g2o(path: Path) -> PoseGraph:
                 continue
             case kind:
                 raise _malformed(path, number, repr(kind[:40]), "VERTEX_SE2, EDGE_SE2 or FIX")
+    edges_alone = not nodes
+    if edges_alone:
+        ids = sorted({index for _, i, j in edges for index in (i, j)})
+        row_of = {index: row for row, index in enumerate(ids)}
     edge_nodes = np.empty((len(edges), 2), dtype=np.int32)
     for k, (number, i, j) in enumerate(edges):
         if i not in row_of or j not in row_of:
             missing = i if i not in row_of else j
             raise _malformed(path, number, f"an edge to node {missing}", "a VERTEX_SE2 for it")
         edge_nodes[k] = row_of[i], row_of[j]
-    return PoseGraph(
-        np.array(nodes, dtype=np.float64).reshape(-1, 3),
-        edge_nodes,
-        np.array(values, dtype=np.float64).reshape(-1, 9),
-    )
+    edge_values = np.array(values, dtype=np.float64).reshape(-1, 9)
+    if not edges_alone:
+        return PoseGraph(np.array(nodes, dtype=np.float64).reshape(-1, 3), edge_nodes, edge_values)
+    return PoseGraph(_chained_whole(path, ids, edge_nodes, edge_values), edge_nodes, edge_values)
 
 
-def _lines(path: Path) -> Iterator[tuple[int, list[str]]]:
+def _chained_whole(
+    path: Path, ids: list[int], edge_nodes: npt.NDArray[np.int32], edge_values: FloatArray
+) -> FloatArray:
+    nodes = chained(len(ids), edge_nodes, edge_values[:, :3])
+    lost = np.flatnonzero(np.isnan(nodes[:, 0]))
+    if len(lost):
+        raise FormatError(
+            f"{path}: no chain of edges ties node {ids[int(lost[0])]} to node {ids[0]}; without "
+            "VERTEX_SE2 lines every node must hang together"
+        )
+    return nodes
+
+
+def chained(
+    count: int,
+    edge_nodes: npt.NDArray[np.int32],
+    measured: FloatArray,
+    first: FloatArray | None = None,
+) -> FloatArray:
+    """Nodes (count×3) as edges (k×2, k×3) chain them, from node 0 at `first` or the origin.
+
+    Odometry first: a node follows from the one before it where an edge says so. What does not stand
+    then follows by any edge from a node that does. NaN where no chain leads.
+    """
+    nodes = np.full((count, 3), np.nan)
+    ways: list[list[tuple[int, Pose2, bool]]] = [[] for _ in range(count)]
+    for (i, j), values in zip(edge_nodes.tolist(), measured.tolist(), strict=True):
+        ways[i].append((j, Pose2.from_array(values), True))
+        ways[j].append((i, Pose2.from_array(values), False))
+    pending: deque[tuple[int, Pose2]] = deque()
+    if count:
+        pending.append((0, IDENTITY if first is None else Pose2.from_array(first)))
+    stands = [False] * count
+    while pending:
+        node, pose = pending.popleft()
+        if stands[node]:
+            continue
+        stands[node] = True
+        nodes[node] = pose.x, pose.y, pose.theta
+        for other, motion, forwards in reversed(ways[node]):
+            if other == node + 1:
+                pending.appendleft((other, pose @ (motion if forwards else motion.inverse())))
+            elif not stands[other]:
+                pending.append((other, pose @ (motion if forwards else motion.inverse())))
+    return nodes
+
+
+def read_text(path: Path) -> str:
+    """The text of a file; raises FormatError when there is none."""
     try:
-        text = path.read_text(encoding="utf-8")
+        return path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         reason = error.strerror if isinstance(error, OSError) else "not a text file"
         raise FormatError(f"{path}: cannot be read: {reason}") from error
-    for number, line in enumerate(text.splitlines(), start=1):
+
+
+def _lines(path: Path) -> Iterator[tuple[int, list[str]]]:
+    for number, line in enumerate(read_text(path).splitlines(), start=1):
         words = line.split()
         if words and not words[0].startswith("#"):
             yield number, words

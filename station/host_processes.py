@@ -10,7 +10,9 @@ from pathlib import Path
 from protocol.bus import Bus, BusError, open_bus
 from protocol.bus_config import BusConfig, loopback_endpoint
 from protocol.interrupt import Interrupt
+from protocol.keys import key_path, make_keys
 from protocol.messages import Report
+from robot.journal_file import remove_journals
 from station.child import Child, children
 from station.free_port import free_port
 from station.hosts import LaunchError, Played, Relay, played
@@ -21,6 +23,7 @@ from world.simulation import Simulation
 
 ATTEMPTS = 5
 MEMORY_EVERY_S = 1.0
+JOURNALS = "journals"
 
 
 def play_processes(
@@ -31,17 +34,27 @@ def play_processes(
 ) -> Played:
     """Play a run to its end. What robots print, and their journals, go to `folder`.
 
-    Raises LaunchError when a robot dies before the run begins.
+    Journals that an earlier run left there are removed: this is another world, and a robot that
+    found one would take itself for restarted. Raises LaunchError when a robot dies before the
+    run begins.
     """
     if not is_warm():  # once here, and not in every robot at the same time
         warm_up()
-    with _folder(folder) as kept, _free_router() as (bus, endpoint), children() as family:
+    names = simulation.names
+    with (
+        _folder(folder) as kept,
+        _throw_away_keys(names) as keys,
+        _free_router(keys, names) as (bus, endpoint),
+        children() as family,
+    ):
+        remove_journals(kept / JOURNALS)
         sampled = _MemorySampled(observer, family)
         world = WorldProcess(
             simulation, bus, sampled, interrupt, lambda: _check_start(simulation, family)
         )
-        for name in simulation.names:
-            family.append(Child(name, _robot_command(name, endpoint, kept), kept / f"{name}.log"))
+        for name in names:
+            command = _robot_command(name, endpoint, key_path(keys, name), kept / JOURNALS)
+            family.append(Child(name, command, kept / f"{name}.log"))
         try:
             world.run()
         finally:
@@ -49,9 +62,9 @@ def play_processes(
     return played(world, {child.name: child.peak_rss_mb for child in family})
 
 
-def _robot_command(name: str, endpoint: str, folder: Path) -> list[str]:
+def _robot_command(name: str, endpoint: str, key: Path, journals: Path) -> list[str]:
     command = [sys.executable, "-m", "station.main", "robot", name, "--connect", endpoint]
-    return [*command, "--journal", str(folder / "journals")]
+    return [*command, "--keys", str(key), "--journal", str(journals)]
 
 
 def _check_start(simulation: Simulation, family: list[Child]) -> None:
@@ -77,13 +90,22 @@ def _folder(folder: Path | None) -> Iterator[Path]:
 
 
 @contextmanager
-def _free_router() -> Iterator[tuple[Bus, str]]:
+def _throw_away_keys(names: tuple[str, ...]) -> Iterator[Path]:
+    """Keys of this run alone, in a folder that only this user can enter."""
+    with tempfile.TemporaryDirectory(prefix="earshot-keys-") as folder:
+        make_keys(Path(folder), names)
+        yield Path(folder)
+
+
+@contextmanager
+def _free_router(keys: Path, names: tuple[str, ...]) -> Iterator[tuple[Bus, str]]:
     """A router on a free port of 127.0.0.1; another program may take a port in between."""
     with ExitStack() as stack:
         for attempt in range(ATTEMPTS):
             endpoint = loopback_endpoint(free_port())
             try:
-                bus = stack.enter_context(open_bus(BusConfig.router(endpoint)))
+                config = BusConfig.router(endpoint).walled(keys, names)
+                bus = stack.enter_context(open_bus(config))
                 break
             except BusError:
                 if attempt == ATTEMPTS - 1:

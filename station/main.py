@@ -13,9 +13,13 @@ from importlib.metadata import PackageNotFoundError, version
 from protocol.errors import EarshotError
 from station import (
     command_doctor,
+    command_keys,
     command_maps,
+    command_optimise,
+    command_radio,
     command_robot,
     command_run,
+    command_slam,
     command_warm_up,
     command_world,
 )
@@ -24,7 +28,11 @@ COMMANDS = (
     command_run,
     command_world,
     command_robot,
+    command_keys,
+    command_slam,
+    command_optimise,
     command_maps,
+    command_radio,
     command_warm_up,
     command_doctor,
 )

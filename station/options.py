@@ -43,6 +43,11 @@ def add_scenario_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--range", type=float, metavar="METRES", help="d: radio range (default 10 m)"
     )
+    group.add_argument(
+        "--gate",
+        choices=("disc", "line-of-sight", "shadowing"),
+        help="what weakens radio links within d: nothing (default), walls, or shadowing",
+    )
     group.add_argument("--loss", type=float, metavar="P", help="probability that a frame is lost")
     group.add_argument("--latency", type=int, metavar="TICKS", help="ticks from sent to heard")
     group.add_argument("--engine", metavar="NAME", help="SLAM engine of all robots")
@@ -75,6 +80,7 @@ def scenario_from(args: argparse.Namespace) -> "Scenario":
         "seed": args.seed,
         "max_sim_s": args.max_time,
         "radio": {
+            "model": args.gate,
             "range_m": args.range,
             "loss": args.loss,
             "latency_ticks": args.latency,

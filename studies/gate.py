@@ -1,9 +1,11 @@
-"""A million random frames through the radio gate, each checked against the plain rule.
+"""A million random frames through the radio gate, each checked against the plain rule; its load.
 
     python -m studies.gate --frames 1000000 --json gate.json
+    python -m studies.gate --load --model line-of-sight --json load.json
 
-The check knows nothing of the gate's code: it follows every frame by a number in its payload,
-and measures distances itself.
+With --load, 64 robots in range of each other broadcast 1 kB at every tick, and what the gate adds
+to a tick is timed. Otherwise every frame is checked, and the check knows nothing of the gate's
+code: it follows every frame by a number in its payload, and measures distances itself.
 """
 
 import argparse
@@ -11,19 +13,27 @@ import json
 import math
 import struct
 import sys
+import time
 from collections import Counter
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
+from maps.grid import OccupancyGrid
 from protocol.config import BROADCAST
 from protocol.messages import RadioFrame
+from world.channel import Channel
 from world.ledger import Verdict
 from world.noise import Noise
 from world.radio import Radio
 from world.scenario import GateConfig
+from world.terrain import Terrain
 
 ROBOTS, PER_TICK, HALL_M = 12, 20, 40.0
+# The load: all in one hall, and one frame of a robot is what fits into a tick.
+LOAD_ROBOTS, LOAD_PAYLOAD, LOAD_HALL_M = 64, 1000, 7.0
+LOAD_WARM_UP = 20
 CONFIG = GateConfig(range_m=15.0, loss=0.1, latency_ticks=3, bytes_per_tick=1000)
 
 
@@ -65,6 +75,37 @@ def check(frames: int, seed: int) -> dict[str, int]:
     return _with_ledger(radio, counts)
 
 
+def load(ticks: int, seed: int, model: str) -> dict[str, float]:
+    """Milliseconds that judging, delivering and booking take of a tick."""
+    names = [f"r{i}" for i in range(LOAD_ROBOTS)]
+    side = round(LOAD_HALL_M / 0.05)
+    terrain = Terrain(OccupancyGrid(np.zeros((side, side), np.int8), 0.05, 0.0, 0.0))
+    noise = Noise(seed)
+    config = GateConfig.model_validate({"model": model})
+    radio = Radio(config, names, Channel(config, terrain, noise))
+    rng = np.random.default_rng(seed)
+    present = np.ones(LOAD_ROBOTS, dtype=bool)
+    took_ms = []
+    for tick in range(ticks + LOAD_WARM_UP):
+        poses = rng.uniform(0.0, LOAD_HALL_M, (LOAD_ROBOTS, 3))
+        payload = rng.bytes(LOAD_PAYLOAD)
+        sent = {name: [RadioFrame(kind="test", payload=payload)] for name in names}
+        began = time.perf_counter()
+        radio.send(sent, tick, poses, present, noise)
+        radio.receive(tick + 1, present)
+        took_ms.append(1e3 * (time.perf_counter() - began))
+    radio.ledger.check()
+    delivered = int(radio.ledger.delivered[..., 0].sum())
+    timed = np.array(took_ms[LOAD_WARM_UP:])
+    return {
+        "robots": LOAD_ROBOTS,
+        "ticks": ticks,
+        "delivered_per_tick": delivered / (ticks + LOAD_WARM_UP),
+        "gate_ms_median": float(np.median(timed)),
+        "gate_ms_p99": float(np.percentile(timed, 99)),
+    }
+
+
 def _apart(poses: np.ndarray[tuple[int, ...], np.dtype[np.float64]], s: int, r: int) -> float:
     return math.hypot(poses[s, 0] - poses[r, 0], poses[s, 1] - poses[r, 1])
 
@@ -94,16 +135,25 @@ def main(argv: list[str] | None = None) -> int:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     parser.add_argument("--frames", type=int, default=1_000_000)
+    parser.add_argument("--load", action="store_true", help="time the gate in place of checking")
+    parser.add_argument("--ticks", type=int, default=2000, help="of --load")
+    parser.add_argument(
+        "--model", choices=("disc", "line-of-sight", "shadowing"), default="disc", help="of --load"
+    )
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--json", type=Path, metavar="FILE")
     arguments = parser.parse_args(argv)
-    result = check(arguments.frames, arguments.seed)
+    result: Mapping[str, float]
+    if arguments.load:
+        result = load(arguments.ticks, arguments.seed, arguments.model)
+    else:
+        result = check(arguments.frames, arguments.seed)
     for name, value in result.items():
-        print(f"{name:>30}  {value}")
+        print(f"{name:>30}  {value:.10g}")
     if arguments.json:
         arguments.json.write_text(json.dumps(result, indent=2) + "\n")
-    wrong = result["delivered_beyond_range"] or result["lost_in_range_without_reason"]
-    return 1 if wrong else 0
+    wrong = ("delivered_beyond_range", "lost_in_range_without_reason")
+    return 1 if any(result.get(name) for name in wrong) else 0
 
 
 if __name__ == "__main__":

@@ -72,11 +72,12 @@ def arc_y(y: float, heading: float, forward: float, turn: float) -> float:
 
 @inlined
 def blocked_at(
-    solid: BoolArray, poses: FloatArray, i: int, x: float, y: float, radius: float
+    solid: BoolArray, near: FloatArray, count: int, x: float, y: float, radius: float
 ) -> bool:
-    """Whether robot i may not stand at (x, y): a wall or another robot is there."""
-    for k in range(poses.shape[0]):
-        if k != i and math.hypot(poses[k, 0] - x, poses[k, 1] - y) < 2.0 * radius:
+    """Whether a robot may not stand at (x, y): a wall is there, or one of the first `count`
+    discs of `near`."""
+    for k in range(count):
+        if math.hypot(near[k, 0] - x, near[k, 1] - y) < 2.0 * radius:
             return True
     return disc_hits(solid, x, y, radius)
 
@@ -98,15 +99,22 @@ def drive_all(
     `blocked` (n) stands where it touched and goes on turning on the spot.
     """
     n = poses.shape[0]
+    near = np.empty((n, 2))
     for i in range(n):
         x, y, heading = poses[i, 0], poses[i, 1], poses[i, 2]
         forward, turn = motions[i, 0], motions[i, 1]
         blocked[i] = False
         reach = radius + abs(forward)
         open_ground = clearance[math.floor(y), math.floor(x)] - 1.0 >= reach
+        count = 0
         for k in range(n):
-            if k != i and math.hypot(poses[k, 0] - x, poses[k, 1] - y) < reach + radius:
-                open_ground = False
+            to_x, to_y = abs(poses[k, 0] - x), abs(poses[k, 1] - y)
+            if to_x < reach + radius and to_y < reach + radius and k != i:
+                if math.hypot(to_x, to_y) < reach + radius:
+                    open_ground = False
+                # Those farther away are out of touch wherever the robot gets to in this motion.
+                near[count, 0], near[count, 1] = poses[k, 0], poses[k, 1]
+                count += 1
         share = 1.0
         if not open_ground and forward != 0.0:
             steps = math.ceil(abs(forward) / stride)
@@ -115,7 +123,7 @@ def drive_all(
                 ahead = step / steps
                 at_x = arc_x(x, heading, forward * ahead, turn * ahead)
                 at_y = arc_y(y, heading, forward * ahead, turn * ahead)
-                if blocked_at(solid, poses, i, at_x, at_y, radius):
+                if blocked_at(solid, near, count, at_x, at_y, radius):
                     blocked[i] = True
                     break
                 share = ahead
@@ -126,7 +134,7 @@ def drive_all(
                     ahead = share + width
                     at_x = arc_x(x, heading, forward * ahead, turn * ahead)
                     at_y = arc_y(y, heading, forward * ahead, turn * ahead)
-                    if not blocked_at(solid, poses, i, at_x, at_y, radius):
+                    if not blocked_at(solid, near, count, at_x, at_y, radius):
                         share = ahead
         if share > 0.0:
             poses[i, 0] = arc_x(x, heading, forward * share, turn * share)

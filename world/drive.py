@@ -88,10 +88,12 @@ class Drives:
         body = self._body
         half_base = 0.5 * body.wheel_base_m
         travel = motions[:, :1] + motions[:, 1:] * np.array([-half_base, half_base])
+        draws, slips = np.zeros((len(travel), 2, 2)), np.zeros((len(travel), 2))
         for i in np.flatnonzero(travel.any(axis=1)).tolist():
             rng = noise.at(self._names[i], "encoders", tick)
-            scale, slip = rng.standard_normal((2, 2))
-            slips = rng.poisson(body.slip_rate_hz * tick_s, 2) * (travel[i] != 0.0)
-            # k slips of standard deviation s together are one of s √k.
-            self._wheels[i] += travel[i] * (1.0 + body.encoder_noise * scale)
-            self._wheels[i] += body.slip_m * np.sqrt(slips) * slip
+            rng.standard_normal(out=draws[i])
+            slips[i] = rng.poisson(body.slip_rate_hz * tick_s, 2)
+        # k slips of standard deviation s together are one of s √k.
+        slips *= travel != 0.0
+        self._wheels += travel * (1.0 + body.encoder_noise * draws[:, 0])
+        self._wheels += body.slip_m * np.sqrt(slips) * draws[:, 1]

@@ -29,6 +29,8 @@ class Verdict(IntEnum):
     """The directed pair had no room for it in that tick."""
     ABSENT = radio_kernels.ABSENT
     """The receiver was dead when it was sent or when it arrived."""
+    FADE = radio_kernels.FADE
+    """Within d, but walls or shadowing left too little of it."""
 
 
 DROPPED = tuple(verdict for verdict in Verdict if verdict is not Verdict.DELIVERED)
@@ -42,11 +44,13 @@ class Ledger:
     """Frames (…, 0) and bytes (…, 1), by ordered pair and by kind of frame.
 
     A broadcast is one offer to every other robot. What is sent to nobody on the roster, and what
-    no radio would carry, is an offer to no pair: it is counted by sender alone.
+    no radio would carry, is an offer to no pair: it is counted by sender alone. Only a radio that
+    `fades` has that reason in its tables.
     """
 
-    def __init__(self, names: Sequence[str]) -> None:
+    def __init__(self, names: Sequence[str], fades: bool = False) -> None:
         n = len(names)
+        self._reasons = tuple(v for v in DROPPED if fades or v is not Verdict.FADE)
         self.names = tuple(names)
         self.sent: Counts = np.zeros((n, 2), np.int64)
         """What each robot handed to its radio, a broadcast once."""
@@ -118,7 +122,8 @@ class Ledger:
         rows = []
         for s, r in np.argwhere(self.offered[:, :, 0] > 0).tolist():
             row: dict[str, Any] = {"sender": self.names[s], "receiver": self.names[r]}
-            rows.append(row | _row(self.offered[s, r], self.ended[s, r], self.in_flight[s, r]))
+            amounts = self.offered[s, r], self.ended[s, r], self.in_flight[s, r]
+            rows.append(row | self._row(*amounts))
         return rows
 
     def to_dict(self) -> dict[str, Any]:
@@ -126,7 +131,7 @@ class Ledger:
         n = range(len(self.names))
         kinds_in_flight = self.kinds_offered - self.kinds_ended.sum(axis=1)
         return {
-            "total": _row(
+            "total": self._row(
                 self.offered.sum(axis=(0, 1)),
                 self.ended.sum(axis=(0, 1)),
                 self.in_flight.sum(axis=(0, 1)),
@@ -142,19 +147,18 @@ class Ledger:
             },
             "pairs": self.table(),
             "kinds": {
-                kind: _row(self.kinds_offered[k], self.kinds_ended[k], kinds_in_flight[k])
+                kind: self._row(self.kinds_offered[k], self.kinds_ended[k], kinds_in_flight[k])
                 for kind, k in sorted(self.kinds.items())
             },
         }
 
+    def _row(self, offered: Counts, ended: Counts, in_flight: Counts) -> dict[str, Any]:
+        row: dict[str, Any] = {"offered": _amount(offered)}
+        row["delivered"] = _amount(ended[Verdict.DELIVERED])
+        row["dropped"] = {v.name.lower(): _amount(ended[v]) for v in self._reasons}
+        row["in_flight"] = _amount(in_flight)
+        return row
+
 
 def _amount(counts: Counts) -> dict[str, int]:
     return {"frames": int(counts[0]), "bytes": int(counts[1])}
-
-
-def _row(offered: Counts, ended: Counts, in_flight: Counts) -> dict[str, Any]:
-    row: dict[str, Any] = {"offered": _amount(offered)}
-    row["delivered"] = _amount(ended[Verdict.DELIVERED])
-    row["dropped"] = {verdict.name.lower(): _amount(ended[verdict]) for verdict in DROPPED}
-    row["in_flight"] = _amount(in_flight)
-    return row

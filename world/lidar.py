@@ -38,19 +38,21 @@ class Lidars:
         Other robots' discs are seen. +inf: nothing within range; 0: nearer than the minimum.
         """
         config = self._config
-        turned = np.empty((len(poses), config.beams))
-        off = np.empty((len(poses), config.beams))
+        draws = np.empty((len(poses), 2, config.beams))
         for i, name in enumerate(self._names):
-            turned[i], off[i] = noise.at(name, "lidar", tick).standard_normal((2, config.beams))
-        turned *= config.sigma_angle_rad
+            noise.at(name, "lidar", tick).standard_normal(out=draws[i])
+        # Neighbours one after the other: they look at the same part of the map, which is then
+        # still at hand.
+        order = np.lexsort(np.floor(poses[:, :2].T / config.max_range_m))
         ranges = np.empty((len(poses), config.beams), dtype=np.float32)
         ray_kernels.scan_all(
             terrain.squares,
             terrain.to_cells(poses),
+            order,
             self._radius_m / terrain.cell,
             self._angles,
-            turned,
-            off,
+            config.sigma_angle_rad,
+            draws,
             config.min_range_m,
             config.max_range_m,
             np.array(SPREAD[config.noise]),

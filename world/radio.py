@@ -17,6 +17,7 @@ from protocol.config import BROADCAST, MAX_FRAME_BYTES
 from protocol.messages import HeardFrame, RadioFrame
 from protocol.pose import FloatArray
 from world import radio_kernels
+from world.channel import Channel
 from world.ledger import Ledger, Verdict
 from world.noise import Noise
 from world.scenario import GateConfig
@@ -40,22 +41,32 @@ class Batch:
 
 
 class Radio:
-    """All radios of the team, and the air between them. The disc model: heard within d."""
+    """All radios of the team, and the air between them: heard within d, and as far as the channel
+    lets through."""
 
-    def __init__(self, config: GateConfig, names: Sequence[str]) -> None:
-        self.ledger = Ledger(names)
+    TRANSIENT = ("channel",)
+
+    def __init__(
+        self, config: GateConfig, names: Sequence[str], channel: Channel | None = None
+    ) -> None:
+        """Only the disc needs no channel."""
+        if channel is None and config.model != "disc":
+            raise ValueError(f"the gate model {config.model} needs a channel")
+        self.ledger = Ledger(names, fades=config.model != "disc")
+        self.channel = channel
         self._config = config
         self._names = tuple(names)
         self._numbers = {name: i for i, name in enumerate(names)}
         self._air: deque[Batch] = deque()
 
     def links(self, poses: FloatArray, present: BoolArray) -> BoolArray:
-        """Who is within earshot of whom (…×n×n) at poses (…×n×3); nobody of himself."""
+        """Who is within earshot of whom (…×n×n) at poses (…×n×3), loss and capacity apart; nobody
+        of himself."""
         apart = poses[..., :, None, :2] - poses[..., None, :, :2]
         near: BoolArray = np.hypot(apart[..., 0], apart[..., 1]) <= self._config.range_m
         others = ~np.eye(poses.shape[-2], dtype=bool)
         joined: BoolArray = near & others & present[..., :, None] & present[..., None, :]
-        return joined
+        return joined & ~self._faded(poses)
 
     def send(
         self,
@@ -74,6 +85,7 @@ class Radio:
         radio_kernels.judge(
             np.ascontiguousarray(poses[:, :2]),
             present,
+            self._faded(poses),
             self._config.range_m,
             self._config.bytes_per_tick,
             self._config.loss,
@@ -102,6 +114,12 @@ class Radio:
             verdicts[~batch.passed] = radio_kernels.NOBODY
             self.ledger.book_arrived(verdicts, batch.senders, batch.sizes, batch.kinds)
         return inboxes
+
+    def _faded(self, poses: FloatArray) -> BoolArray:
+        """Between whom the signal is too weak although they are in range (…×n×n)."""
+        if self.channel is None:
+            return np.zeros((*poses.shape[:-1], poses.shape[-2]), dtype=bool)
+        return self.channel.faded(poses)
 
     def _take(
         self, frames: Mapping[str, Sequence[RadioFrame]], tick: int

@@ -12,7 +12,7 @@ BoolArray = npt.NDArray[np.bool_]
 IntArray = npt.NDArray[np.int64]
 
 # Verdicts, as `world.radio.Verdict` names them.
-DELIVERED, RANGE, LOSS, CAPACITY, ABSENT = 0, 1, 2, 3, 4
+DELIVERED, RANGE, LOSS, CAPACITY, ABSENT, FADE = 0, 1, 2, 3, 4, 5
 NOBODY = -1
 
 
@@ -20,6 +20,7 @@ NOBODY = -1
 def judge(
     points: FloatArray,
     present: BoolArray,
+    faded: BoolArray,
     reach: float,
     capacity: int,
     loss: float,
@@ -32,9 +33,10 @@ def judge(
 ) -> None:
     """Decide over every offer of one tick, in the order of the frames.
 
-    `points` (n×2, m) and `present` (n) are of the robots. Frame f goes from senders[f] to
-    recipients[f], −1 for all others, −2 for nobody; it is sizes[f] bytes long. luck[f, r] is
-    uniform in [0, 1) and decides loss. `used` (n×n) counts bytes per directed pair and tick.
+    `points` (n×2, m) and `present` (n) are of the robots, `faded` (n×n) of their pairs. Frame f
+    goes from senders[f] to recipients[f], −1 for all others, −2 for nobody; it is sizes[f] bytes
+    long. luck[f, r] is uniform in [0, 1) and decides loss. `used` (n×n) counts bytes per directed
+    pair and tick.
     `verdicts` (f×n) comes filled with NOBODY and is set where a robot is offered a frame.
     """
     for f in range(senders.shape[0]):
@@ -46,6 +48,8 @@ def judge(
                 verdicts[f, r] = ABSENT
             elif math.hypot(points[r, 0] - points[s, 0], points[r, 1] - points[s, 1]) > reach:
                 verdicts[f, r] = RANGE
+            elif faded[s, r]:
+                verdicts[f, r] = FADE
             elif used[s, r] + sizes[f] > capacity:
                 verdicts[f, r] = CAPACITY
             else:

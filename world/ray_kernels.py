@@ -206,13 +206,62 @@ def cast_disc(dx: float, dy: float, to_x: float, to_y: float, radius: float) -> 
     return max(along - math.sqrt(half2), 0.0)
 
 
+@inlined
+def list_near(poses: FloatArray, i: int, reach: float, near: FloatArray) -> int:
+    """The offsets from robot i to the others up to `reach` (cells): the first rows of `near`
+    (n×2), and how many they are."""
+    count = 0
+    for k in range(poses.shape[0]):
+        to_x, to_y = poses[k, 0] - poses[i, 0], poses[k, 1] - poses[i, 1]
+        # Most are far away, and the square root is the dearest part.
+        if k == i or abs(to_x) > reach or abs(to_y) > reach:
+            continue
+        if math.hypot(to_x, to_y) <= reach:
+            near[count, 0], near[count, 1] = to_x, to_y
+            count += 1
+    return count
+
+
+@inlined
+def hide_behind(
+    heading: float,
+    angles: FloatArray,
+    astray: float,
+    to_x: float,
+    to_y: float,
+    radius: float,
+    slopes: FloatArray,
+    ranges: FloatArray,
+) -> None:
+    """Shorten the `ranges` (m) of beams that meet the disc at (to_x, to_y).
+
+    Nominal `angles` (m) from `heading` are evenly spaced and beams point up to `astray` off them,
+    so that few come into question; `slopes` holds what they truly are.
+    """
+    first, spacing = angles[0], angles[1] - angles[0]
+    distance = math.hypot(to_x, to_y)
+    half = math.pi if distance <= radius else math.asin(radius / distance)
+    half += astray + 1e-6
+    bearing = math.atan2(to_y, to_x) - heading - first
+    turn = 2.0 * math.pi
+    bearing -= turn * math.floor((bearing + half) / turn)  # the last turn that ends after `first`
+    while bearing - half <= spacing * (angles.shape[0] - 1):
+        low = max(math.ceil((bearing - half) / spacing), 0)
+        high = min(math.floor((bearing + half) / spacing), angles.shape[0] - 1)
+        for j in range(low, high + 1):
+            t = cast_disc(slopes[0, j], slopes[1, j], to_x, to_y, radius)
+            ranges[j] = min(ranges[j], t)
+        bearing += turn
+
+
 @kernel
 def scan_all(
     squares: ByteArray,
     poses: FloatArray,
+    order: IntArray,
     radius: float,
     angles: FloatArray,
-    turned: FloatArray,
+    astray: float,
     noise: FloatArray,
     min_range: float,
     max_range: float,
@@ -222,37 +271,35 @@ def scan_all(
 ) -> None:
     """Eq. 14 of the paper: what range finders at `poses` (n×3: cells, cells, rad) report.
 
-    Beam j of robot i really points at angles[j] + turned[i, j]; `noise` (n×m) is standard normal
-    and σ_r = sigma[0] + sigma[1] r + √(sigma[2] r) at range r. The other robots are discs of
-    `radius` (cells). `cell` is metres per cell; the other lengths and `ranges` (n×m, float32) are
-    metres: 0 below `min_range`, +inf where nothing is hit within `max_range`.
+    Beam j of robot i nominally points at angles[j], which are evenly spaced and rise. With
+    standard normal `noise` (n×2×m) it really points `astray` · noise[i, 0, j] off, and noise[i, 1]
+    is for ranges: σ_r = sigma[0] + sigma[1] r + √(sigma[2] r) at range r. The other robots are
+    discs of `radius` (cells). `cell` is metres per cell; the other lengths and `ranges` (n×m,
+    float32) are metres: 0 below `min_range`, +inf where nothing is hit within `max_range`. Robots
+    are gone through in an `order` (n) that changes nothing but the time it takes.
     """
-    n, m = turned.shape
+    n, m = ranges.shape
     near = np.empty((n, 2))
-    slopes, cells, walls = np.empty((4, m)), np.empty((4, m), np.int64), np.empty(m)
+    slopes, cells, exact = np.empty((4, m)), np.empty((4, m), np.int64), np.empty(m)
     limit = max_range / cell
-    for i in range(n):
+    for i in order:
         x, y, heading = poses[i, 0], poses[i, 1], poses[i, 2]
-        count = 0
-        for k in range(n):
-            to_x, to_y = poses[k, 0] - x, poses[k, 1] - y
-            if k != i and math.hypot(to_x, to_y) <= limit + radius:
-                near[count, 0], near[count, 1] = to_x, to_y
-                count += 1
+        farthest = 0.0
         for j in range(m):
-            angle = heading + angles[j] + turned[i, j]
+            turned = astray * noise[i, 0, j]
+            angle = heading + angles[j] + turned
             slopes[0, j], slopes[1, j] = math.cos(angle), math.sin(angle)
-        cast_fan(squares, x, y, limit, slopes, cells, walls)
+            farthest = max(farthest, abs(turned))
+        cast_fan(squares, x, y, limit, slopes, cells, exact)
+        for k in range(list_near(poses, i, limit + radius, near)):
+            hide_behind(heading, angles, farthest, near[k, 0], near[k, 1], radius, slopes, exact)
         for j in range(m):
-            t = walls[j]
-            for k in range(count):
-                t = min(t, cast_disc(slopes[0, j], slopes[1, j], near[k, 0], near[k, 1], radius))
-            true = t * cell
+            true = exact[j] * cell
             if true > max_range:
                 ranges[i, j] = math.inf
                 continue
             spread = sigma[0] + sigma[1] * true + math.sqrt(sigma[2] * true)
-            reported = true + spread * noise[i, j]
+            reported = true + spread * noise[i, 1, j]
             if reported < min_range:
                 ranges[i, j] = 0.0
             elif reported > max_range:
@@ -268,17 +315,21 @@ def sights(
     """`visible` (n×n): which robots see which, within `limit` (cells): no wall and no other disc
     on the segment between the centres."""
     n = poses.shape[0]
+    near = np.empty((n, 2))
     for i in range(n):
+        others = list_near(poses, i, limit + radius, near)
         for k in range(i + 1, n):
             to_x, to_y = poses[k, 0] - poses[i, 0], poses[k, 1] - poses[i, 1]
+            visible[i, k] = visible[k, i] = False
+            if max(abs(to_x), abs(to_y)) > limit:
+                continue
             distance = math.hypot(to_x, to_y)
-            seen = 0.0 < distance <= limit
-            if seen:
-                dx, dy = to_x / distance, to_y / distance
-                seen = cast(squares, poses[i, 0], poses[i, 1], dx, dy, distance) == math.inf
-                for other in range(n):
-                    if seen and other not in (i, k):
-                        by_x, by_y = poses[other, 0] - poses[i, 0], poses[other, 1] - poses[i, 1]
-                        seen = cast_disc(dx, dy, by_x, by_y, radius) >= distance
-            visible[i, k] = seen
-            visible[k, i] = seen
+            if not 0.0 < distance <= limit:
+                continue
+            dx, dy = to_x / distance, to_y / distance
+            seen = cast(squares, poses[i, 0], poses[i, 1], dx, dy, distance) == math.inf
+            for other in range(others):
+                by_x, by_y = near[other, 0], near[other, 1]
+                if seen and (by_x != to_x or by_y != to_y):
+                    seen = cast_disc(dx, dy, by_x, by_y, radius) >= distance
+            visible[i, k] = visible[k, i] = seen

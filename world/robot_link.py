@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+from protocol.allowance import Allowance
 from protocol.messages import Action, HeardFrame, RadioFrame, Report, Sense
 
 
@@ -11,20 +12,35 @@ class RobotLink:
     A robot `owes` an answer from the moment a sense is sent to it. In lockstep it gets no second
     one before it answered: the frames of the ticks between wait here, and encoders are
     cumulative, so that a robot that was frozen for a while has missed nothing when it wakes.
+    What it says beyond its `allowance` is not read, and what answers no sense that it was sent,
+    or one that it answered before, counts for nothing.
     """
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, name: str, allowance: Allowance) -> None:
         self.name = name
+        self.allowance = allowance
         self.present = False
         self.lost = False
         self.owes = False
         self.stalled = False
         self.stalls = 0
         self.missed = 0
+        self.stale = 0
+        self.mutes = 0
+        self.muted_until: int | None = None
         self.reports: list[Report] = []
+        self._answered = -1
         self._action: Action | None = None
         self._sent: list[RadioFrame] = []
         self._waiting: list[HeardFrame] = []
+
+    @property
+    def _reported(self) -> int:
+        return self.reports[-1].tick if self.reports else -1
+
+    @property
+    def muted(self) -> bool:
+        return self.muted_until is not None
 
     @property
     def alive(self) -> bool:
@@ -45,10 +61,21 @@ class RobotLink:
     def accept_frame(self, frame: RadioFrame) -> None:
         self._sent.append(frame)
 
-    def accept_action(self, action: Action) -> None:
-        """The newest action counts; also a late one ends a stall."""
+    def accept_action(self, action: Action, tick: int) -> None:
+        """The newest action counts; also a late one ends a stall. `tick` is the present one."""
+        if not self._answered < action.tick <= tick:
+            self.stale += 1
+            return
+        self._answered = action.tick
         self._action = action
         self.owes = self.stalled = False
+
+    def accept_report(self, report: Report, tick: int) -> None:
+        """One report for each tick at most is kept."""
+        if not self._reported < report.tick <= tick:
+            self.stale += 1
+            return
+        self.reports.append(report)
 
     def take_action(self) -> Action | None:
         """The newest action since the last call, with every frame that came up to it."""
@@ -63,6 +90,17 @@ class RobotLink:
         self.stalled = True
         self.stalls += 1
 
+    def mute(self, until_tick: int) -> None:
+        """The robot flooded: nobody waits for it until it is listened to again."""
+        self.mutes += 1
+        self.muted_until = until_tick
+        self.stalled = True
+
+    def unmute(self) -> None:
+        """What it answered in between was not read, so it owes nothing and gets a new sense."""
+        self.muted_until = None
+        self.owes = False
+
     @property
     def note(self) -> str:
         """What became of the robot, where that is not the ordinary."""
@@ -73,4 +111,8 @@ class RobotLink:
             parts.append(f"stalled {self.stalls} times")
         if self.missed:
             parts.append(f"missed {self.missed} ticks")
+        if self.stale:
+            parts.append(f"{self.stale} stale messages dropped")
+        if self.mutes:
+            parts.append(f"muted {self.mutes} times for flooding")
         return ", ".join(parts)

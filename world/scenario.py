@@ -27,7 +27,21 @@ class RobotSpec(Model):
 class GateConfig(RadioConfig):
     """The radio as the world plays it."""
 
-    model: Literal["disc"] = "disc"
+    model: Literal["disc", "line-of-sight", "shadowing"] = Field(
+        "disc", description="what weakens a link within range_m: nothing, walls, or shadowing"
+    )
+    path_loss_exponent: float = Field(
+        3.0, ge=1.0, le=8.0, description="2 in free space; not of the disc"
+    )
+    wall_loss_db_per_m: float = Field(
+        25.0, ge=0.0, le=1000.0, description="of line-of-sight: 0.15 m of wall take 3.75 dB"
+    )
+    shadowing_sigma_db: float = Field(
+        4.0, ge=0.0, le=30.0, description="of shadowing: standard deviation of the loss"
+    )
+    shadowing_length_m: float = Field(
+        3.0, ge=0.1, le=1000.0, description="of shadowing: distance over which it changes"
+    )
     loss: float = Field(0.0, ge=0.0, le=1.0, description="probability that a frame is lost")
     latency_ticks: int = Field(1, ge=1, le=10_000, description="ticks from sending to hearing")
 

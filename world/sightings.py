@@ -38,30 +38,34 @@ class Sighters:
         self, terrain: Terrain, poses: FloatArray, tick: int, noise: Noise
     ) -> list[tuple[Sighting, ...]]:
         """What each robot sees from poses (n×3), teammates in the order of the scenario."""
-        seen = self.visible(terrain, poses)
+        seen: list[list[int]] = [[] for _ in self._names]
+        for i, k in np.argwhere(self.visible(terrain, poses)).tolist():
+            seen[i].append(k)
+        positions = poses.tolist()
         return [
-            self._of(i, np.flatnonzero(row).tolist(), poses, tick, noise) if row.any() else ()
-            for i, row in enumerate(seen)
+            self._of(i, others, positions, tick, noise) if others else ()
+            for i, others in enumerate(seen)
         ]
 
     def _of(
-        self, i: int, others: list[int], poses: FloatArray, tick: int, noise: Noise
+        self, i: int, others: list[int], poses: list[list[float]], tick: int, noise: Noise
     ) -> tuple[Sighting, ...]:
-        # Drawn for all teammates: whom it sees must not decide the noise of another sighting.
-        draws = noise.at(self._names[i], "sightings", tick).standard_normal((len(poses), 2))
-        x, y, heading = poses[i].tolist()
+        # Drawn for teammates that are not seen too, up to the last that is: whom a robot sees
+        # must not decide the noise of another sighting.
+        rng = noise.at(self._names[i], "sightings", tick)
+        draws = rng.standard_normal((others[-1] + 1, 2))[others].tolist()
+        x, y, heading = poses[i]
+        sigma_range, sigma_bearing = self._config.sigma_range_m, self._config.sigma_bearing_rad
         sightings = []
-        for k in others:
-            dx, dy = float(poses[k, 0]) - x, float(poses[k, 1]) - y
-            range_m = math.hypot(dx, dy) + self._config.sigma_range_m * float(draws[k, 0])
-            bearing = math.atan2(dy, dx) - heading
+        for k, (draw_range, draw_bearing) in zip(others, draws, strict=True):
+            dx, dy = poses[k][0] - x, poses[k][1] - y
+            range_m = math.hypot(dx, dy) + sigma_range * draw_range
+            bearing = math.atan2(dy, dx) - heading + sigma_bearing * draw_bearing
             sightings.append(
-                Sighting.model_construct(
+                Sighting(
                     robot=self._names[k],
                     range_m=max(range_m, 0.0),
-                    bearing_rad=wrap_angle(
-                        bearing + self._config.sigma_bearing_rad * float(draws[k, 1])
-                    ),
+                    bearing_rad=wrap_angle(bearing),
                 )
             )
         return tuple(sightings)

@@ -19,6 +19,7 @@ from protocol.config import PoseModel, RadioConfig, RobotConfig
 from protocol.messages import STOP, Action, DriveCommand, RadioFrame, Sense
 from protocol.pose import FloatArray
 from protocol.state import adopt_state, dump_state
+from world.channel import Channel
 from world.drive import Drives
 from world.history import History
 from world.ledger import Ledger
@@ -38,7 +39,7 @@ NOBODY_LEFT = "no robot left"
 class Simulation:
     """The world of one run. Arrays over robots are in the order of `names`."""
 
-    TRANSIENT = ("scenario", "terrain")
+    TRANSIENT = ("scenario", "terrain", "channel")
 
     def __init__(self, scenario: Scenario, grid: OccupancyGrid | None = None) -> None:
         """Load the scenario's map, or take `grid` in its place.
@@ -57,7 +58,8 @@ class Simulation:
         self._drives = Drives(self.terrain, scenario.body, self.names, self._starts)
         self._lidars = Lidars(scenario.lidar, self.names, radius)
         self._sighters = Sighters(scenario.sightings, self.names, radius)
-        self._radio = Radio(scenario.radio, self.names)
+        self.channel = Channel(scenario.radio, self.terrain, self._noise)
+        self._radio = Radio(scenario.radio, self.names, self.channel)
         self._commands = dict.fromkeys(self.names, STOP)
         self._command_ticks = dict.fromkeys(self.names, 0)
         self._finished: dict[str, bool] = dict.fromkeys(self.names, False)
@@ -252,3 +254,4 @@ class Simulation:
         """Take over the state of a simulation of the same scenario. Raises StateError."""
         adopt_state(self, checkpoint)
         self._drives.terrain = self.terrain
+        self._radio.channel = self.channel

@@ -16,6 +16,8 @@ COMFORT_M = 0.15
 APART_M = 1.0
 # Robots that are drawn into a tight place still must not touch.
 GAP_M = 0.01
+# So many places are looked at together: a large map has millions, and few are needed.
+BLOCK = 4096
 
 
 class StartError(EarshotError):
@@ -78,12 +80,16 @@ def _check_given(terrain: Terrain, given: Mapping[str, FloatArray], radius_m: fl
 
 def _pick_apart(points: FloatArray, count: int, apart: float, taken: FloatArray) -> FloatArray:
     """The first `count` points, in order, that keep their distance from each other and `taken`."""
-    open_to = np.ones(len(points), dtype=bool)
-    for other in taken:
-        open_to &= np.hypot(*(points - other[:2]).T) >= apart
     picked: list[FloatArray] = []
-    while len(picked) < count and open_to.any():
-        point = points[int(np.argmax(open_to))]
-        picked.append(point)
-        open_to &= np.hypot(*(points - point).T) >= apart
+    for first in range(0, len(points), BLOCK):
+        block = points[first : first + BLOCK]
+        open_to = np.ones(len(block), dtype=bool)
+        for other in (*taken, *picked):
+            open_to &= np.hypot(*(block - other[:2]).T) >= apart
+        while len(picked) < count and open_to.any():
+            point = block[int(np.argmax(open_to))]
+            picked.append(point)
+            open_to &= np.hypot(*(block - point).T) >= apart
+        if len(picked) == count:
+            break
     return np.array(picked).reshape(-1, 2)

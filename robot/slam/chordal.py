@@ -43,7 +43,11 @@ def chordal_start(
 
 
 def _headings(
-    nodes: FloatArray, edges: IntArray, turns: FloatArray, weights: FloatArray, fixed: npt.NDArray[np.bool_]
+    nodes: FloatArray,
+    edges: IntArray,
+    turns: FloatArray,
+    weights: FloatArray,
+    fixed: npt.NDArray[np.bool_],
 ) -> FloatArray:
     c, s = np.cos(turns), np.sin(turns)
     # Row blocks z_j − R(θ_ij) z_i over the real and imaginary part.

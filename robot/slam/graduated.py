@@ -74,7 +74,7 @@ def optimise_graduated(
         current = solve(current, STEPS_A_ROUND).nodes
         errors = squared_errors(current, edge_nodes, measurements, information)[doubted]
         undecided = np.minimum(weights[doubted], 1.0 - weights[doubted])
-        if undecided.max(initial=0.0) < DECIDED:
+        if mu >= 1.0 and undecided.max(initial=0.0) < DECIDED:
             break
         mu *= GROWTH
     weights[doubted] = (errors <= truncation).astype(np.float64)

@@ -12,7 +12,7 @@ from station.options import bus_config_from, scenario_from
 from station.scenario_file import ScenarioFileError, changed, read_scenario
 from world.scenario import RobotSpec, Scenario
 
-COMMANDS = ("run", "world", "robot", "maps", "warm-up", "doctor")
+COMMANDS = ("run", "world", "robot", "keys", "maps", "warm-up", "doctor")
 SMALL = ("--map", "rooms-small", "--robots", "2", "--max-time", "3", "--mode", "inline")
 
 

@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 import yaml
 
+from protocol.keys import make_keys
 from station.free_port import free_port
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -31,6 +32,7 @@ def test_compose_names_a_world_and_its_robots(services: dict[str, Any]) -> None:
     assert len({service["image"] for service in services.values()}) == 1
     for name in ("r1", "r2", "r3"):
         assert services[name]["command"][:2] == ["robot", name]
+        assert services[name]["secrets"] == [name]
         assert services[name]["depends_on"]["world"]["condition"] == "service_healthy"
 
 
@@ -38,6 +40,7 @@ def test_the_services_own_commands_run_side_by_side(
     services: dict[str, Any], tmp_path: Path
 ) -> None:
     """With host names mapped to the loopback, and a map that is done sooner."""
+    make_keys(tmp_path / "keys", ("r1", "r2", "r3"))
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": "1"}
     running: dict[str, subprocess.Popen[str]] = {}
@@ -69,6 +72,8 @@ def test_the_services_own_commands_run_side_by_side(
 
 def _mapped(word: str, endpoint: str, folder: Path) -> str:
     word = re.sub(r"^tcp/[a-z0-9.]+:7447$", endpoint, word)
+    word = re.sub(r"^/run/secrets/(\w+)$", rf"{folder}/keys/\1.key", word)
+    word = re.sub(r"^/keys", f"{folder}/keys", word)
     return re.sub(r"^/runs", str(folder), word)
 
 

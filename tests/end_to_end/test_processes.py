@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from protocol.errors import EarshotError
+from protocol.keys import make_keys
 from protocol.messages import Report
 from robot.journal_file import read_records
 from station.free_port import free_port
@@ -109,6 +110,9 @@ def test_in_memory_the_run_is_the_same(inline_run: RunOutcome) -> None:
 
 
 def test_in_processes_the_run_is_the_same(inline_run: RunOutcome, tmp_path: Path) -> None:
+    """Also in a folder where an earlier run has left its journals."""
+    (tmp_path / "journals").mkdir()
+    (tmp_path / "journals" / "r1.0.journal").write_bytes(b"of another world")
     outcome = launch(SHORT, "processes", folder=tmp_path)
     assert run_hashes(outcome) == run_hashes(inline_run)
     assert outcome.exit_reason == inline_run.exit_reason
@@ -116,6 +120,9 @@ def test_in_processes_the_run_is_the_same(inline_run: RunOutcome, tmp_path: Path
         assert robot.note == ""
         assert robot.peak_rss_mb is not None
         assert 20.0 < robot.peak_rss_mb < 400.0
+        assert list((tmp_path / "journals").glob(f"{name}.*")) == [
+            tmp_path / "journals" / f"{name}.0.journal"
+        ]
         records = read_records(tmp_path / "journals" / f"{name}.0.journal")
         assert robot.trajectory is not None
         assert len(records) > 0
@@ -192,10 +199,12 @@ def test_ctrl_c_ends_the_robots_and_still_reports(tmp_path: Path) -> None:
 
 def test_when_the_world_is_killed_robots_stop_and_say_so(tmp_path: Path) -> None:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
-    world_command = ("world", "--robots", "1", "--map", "office", "--listen", endpoint)
+    make_keys(tmp_path / "keys", ["r1"])
+    world_command = ("world", "--robots", "1", "--listen", endpoint, "--keys", "keys")
+    robot_command = ("robot", "r1", "--connect", endpoint, "--keys", "keys/r1.key")
     with (
         earshot(*world_command, "--headless", "--out", "out", cwd=tmp_path) as world,
-        earshot("robot", "r1", "--connect", endpoint, cwd=tmp_path) as robot,
+        earshot(*robot_command, cwd=tmp_path) as robot,
     ):
         read_until(world, r"t 0:\d")
         world.kill()

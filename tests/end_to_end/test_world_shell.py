@@ -16,18 +16,22 @@ from protocol.messages import (
     DriveCommand,
     Ended,
     GridPatch,
+    LiveRadio,
+    LiveScore,
     MapReply,
     RadioFrame,
     Report,
     Sense,
     TrajectoryReply,
+    Truth,
 )
-from protocol.topics import ACT, ENDED, ROBOT_ALIVE, SENSE
+from protocol.topics import ACT, ENDED, RADIO, ROBOT_ALIVE, SCORE, SENSE, TRUTH
 from robot.jobs import Jobs
 from robot.process import Farewell, Mind, run_robot
 from station.host_memory import play_in_memory
 from station.hosts import Unwatched
-from world.process import INTERRUPTED, RosterError, WorldProcess
+from world.process import INTERRUPTED, WorldProcess
+from world.roster import RosterError
 from world.scenario import PaceConfig, RobotSpec, Scenario
 from world.simulation import TIME_LIMIT, Simulation
 
@@ -289,6 +293,29 @@ def test_who_comes_back_after_it_was_given_up_is_sent_home() -> None:
     (last_word,) = outcome
     assert isinstance(last_word, Ended)
     assert last_word.reason == "it was given up for lost"
+
+
+def test_who_listens_is_told_of_truth_radio_and_score() -> None:
+    simulation = Simulation(scenario(seconds=12.0))
+    with open_bus(BusConfig.memory()) as bus:
+        inbox = bus.inbox()
+        for topic in (TRUTH, RADIO, SCORE):
+            inbox.subscribe(topic)
+        with robot_threads(bus, "r1", "r2"):
+            WorldProcess(simulation, bus, Unwatched(), Interrupt()).run()
+        told = [event.message for event in inbox.drain() if isinstance(event, Arrival)]
+    truths = [message for message in told if isinstance(message, Truth)]
+    assert sorted({truth.tick for truth in truths}) == list(range(1, 121))
+    radios = [message for message in told if isinstance(message, LiveRadio)]
+    assert len(radios) == 12
+    last = radios[-1]
+    ended = last.delivered.frames + sum(count.frames for count in last.dropped.values())
+    assert 0 < last.offered.frames == ended + last.in_flight.frames
+    scores = [message for message in told if isinstance(message, LiveScore)]
+    assert len(scores) == 12
+    assert scores[0].coverage is None
+    assert scores[-1].coverage is not None
+    assert scores[-1].alive == ("r1", "r2")
 
 
 def test_a_world_that_fails_still_sends_its_robots_home() -> None:

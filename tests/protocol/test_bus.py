@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 import zenoh
 
-from protocol.bus import Arrival, Bus, BusError, Presence, Question, open_bus
+from protocol.bus import SEQUENCE, Arrival, Bus, BusError, Presence, Question, open_bus
 from protocol.bus_config import BusConfig, BusConfigError
 from protocol.codec import encode, encoding_of
 from protocol.config import RobotConfig
@@ -155,7 +155,9 @@ def test_malformed_messages_are_counted_by_kind_logged_once_and_passed_over(
             _await_match(publisher)
             for _ in range(3):
                 publisher.put(payload, encoding=encoding)
-            publisher.put(encode(Action(tick=7)), encoding=encoding_of(Action))
+            publisher.put(
+                encode(Action(tick=7)), encoding=encoding_of(Action), attachment=SEQUENCE.pack(1)
+            )
             assert inbox.get(WAIT_S) == Arrival(ACT, "r1", Action(tick=7))
     assert inbox.malformed == {("act", kind): 3}
     assert len(caplog.records) == 1

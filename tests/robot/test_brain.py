@@ -15,8 +15,7 @@ SCENARIO = Scenario(map="rooms-small", seed=3, robots=(RobotSpec(name="r1"), Rob
 
 def make_brains(simulation: Simulation, threaded: ThreadPoolExecutor | None) -> dict[str, Brain]:
     return {
-        name: Brain(simulation.robot_config(name), jobs=Jobs(threaded))
-        for name in simulation.names
+        name: Brain(simulation.robot_config(name), jobs=Jobs(threaded)) for name in simulation.names
     }
 
 

@@ -1,6 +1,7 @@
 """CARMEN logs: what is read, and what is refused with which words."""
 
 import gzip
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,17 +13,18 @@ SCAN = "FLASER 3 1.5 2.5 81.91 1 2 0.5 1.1 2.1 0.6 100.25 host 0.75\n"
 ODOM = "ODOM 1.0 2.0 0.5 0.3 0.1 0.0 100.5 host 1.0\n"
 
 
-def write(tmp_path, text, name="log.clf"):
+def write(tmp_path: Path, text: str, name: str = "log.clf") -> Path:
     path = tmp_path / name
     path.write_text(text)
     return path
 
 
-def test_scans_and_odometry_come_in_the_order_of_the_file(tmp_path):
+def test_scans_and_odometry_come_in_the_order_of_the_file(tmp_path: Path) -> None:
     path = write(tmp_path, "# comment\nPARAM a b\n" + ODOM + SCAN + ODOM)
     records = list(read_carmen(path))
     assert [type(r) for r in records] == [CarmenOdometry, CarmenScan, CarmenOdometry]
     scan = records[1]
+    assert isinstance(scan, CarmenScan)
     assert np.array_equal(scan.ranges, [1.5, 2.5, 81.91])
     assert scan.pose == Pose2(1.0, 2.0, 0.5)
     assert scan.odometry == Pose2(1.1, 2.1, 0.6)
@@ -30,7 +32,7 @@ def test_scans_and_odometry_come_in_the_order_of_the_file(tmp_path):
     assert records[0] == CarmenOdometry(100.5, Pose2(1.0, 2.0, 0.5))
 
 
-def test_gzipped_logs_are_read_alike(tmp_path):
+def test_gzipped_logs_are_read_alike(tmp_path: Path) -> None:
     path = tmp_path / "log.clf.gz"
     with gzip.open(path, "wt") as file:
         file.write(SCAN * 2)
@@ -50,12 +52,12 @@ def test_gzipped_logs_are_read_alike(tmp_path):
         (SCAN + "FLASER 1 1.5 1 2 0.5 1.1 2.1 0.6 100.25 host 0.75\n", "different sizes"),
     ],
 )
-def test_bad_logs_are_refused(tmp_path, text, message):
+def test_bad_logs_are_refused(tmp_path: Path, text: str, message: str) -> None:
     with pytest.raises(CarmenError, match=message):
         read_scans(write(tmp_path, text))
 
 
-def test_what_is_no_log_at_all_is_refused(tmp_path):
+def test_what_is_no_log_at_all_is_refused(tmp_path: Path) -> None:
     with pytest.raises(CarmenError, match="not a readable CARMEN log"):
         read_scans(tmp_path / "missing.clf")
     (tmp_path / "binary.clf").write_bytes(bytes(range(256)))

@@ -72,6 +72,26 @@ def test_ids_may_be_sparse_and_edges_may_come_first(tmp_path: Path) -> None:
     assert graph.nodes[1].tolist() == [1.0, 2.0, 0.5]
 
 
+def test_a_graph_of_edges_alone_is_chained_odometry_first(tmp_path: Path) -> None:
+    """The edge 10 → 12 comes first and disagrees; 20 hangs on an edge that leads to 11."""
+    path = tmp_path / "graph.g2o"
+    tail = "1 0 0 1 0 1"
+    path.write_text(
+        f"EDGE_SE2 10 12 9 9 1 {tail}\nEDGE_SE2 10 11 1 0 {np.pi / 2} {tail}\n"
+        f"EDGE_SE2 11 12 1 0 0 {tail}\nEDGE_SE2 20 11 1 0 0 {tail}\n"
+    )
+    graph = read_g2o(path)
+    assert graph.edge_nodes.tolist() == [[0, 2], [0, 1], [1, 2], [3, 1]]
+    np.testing.assert_allclose(graph.nodes[:, :2], [[0, 0], [1, 0], [1, 1], [1, -1]], atol=1e-12)
+
+
+def test_edges_alone_that_do_not_hang_together_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "x"
+    path.write_text("EDGE_SE2 0 1 1 0 0 1 0 0 1 0 1\nEDGE_SE2 5 6 1 0 0 1 0 0 1 0 1\n")
+    with pytest.raises(FormatError, match="no chain of edges ties node 5 to node 0"):
+        read_g2o(path)
+
+
 def test_empty_files_are_empty(tmp_path: Path) -> None:
     (tmp_path / "empty").write_text("# nothing yet\n")
     assert read_tum(tmp_path / "empty").poses.shape == (0, 3)

@@ -1,0 +1,146 @@
+"""`earshot slam LOG`: SLAM on the log of a real robot."""
+
+import argparse
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from station.options import SubParsers, add_command
+
+if TYPE_CHECKING:
+    from station.replay import Progress, ReplaySettings
+
+EXAMPLES = """examples:
+  earshot slam intel.clf
+  earshot slam intel.clf.gz --relations intel.relations --json metrics.json
+  earshot slam synth.clf --reference synth.truth.tum --reverse
+  earshot slam intel.clf --odometry-scale 1.15 --turn-error 0.09 --range-noise 0.02 --seed 3
+
+LOG is a CARMEN log with FLASER lines, plain or gzipped. The folder that is written holds
+metrics.json and .txt, trajectory.tum, odometry.tum, graph.g2o, map.yaml with map.pgm, and map.png.
+
+exit codes: 0 done, 2 an error, 130 interrupted"""
+
+PROGRESS_STEPS = 200
+
+
+def add_parser(commands: SubParsers) -> None:
+    parser = add_command(commands, "slam", "map a building from a robot's log", EXAMPLES)
+    parser.add_argument("log", type=Path, metavar="LOG", help="a CARMEN log, .gz too")
+    parser.add_argument("--engine", default="graph", metavar="NAME", help="default: graph")
+    parser.add_argument(
+        "--relations", type=Path, metavar="FILE", help="relations to measure by (Kümmerle et al.)"
+    )
+    parser.add_argument(
+        "--interpolate", action="store_true", help="also use relations that end between scans"
+    )
+    parser.add_argument(
+        "--reference", type=Path, metavar="FILE", help="a .tum trajectory to measure by"
+    )
+    played = parser.add_argument_group("how the log is played")
+    played.add_argument("--reverse", action="store_true", help="from its end to its beginning")
+    played.add_argument("--every", type=int, metavar="N", help="only every n-th scan")
+    played.add_argument(
+        "--odometry-scale", type=float, metavar="F", help="multiply driven distances, as in 1.15"
+    )
+    played.add_argument(
+        "--turn-error", type=float, metavar="F", help="turn this share too far, as in 0.09"
+    )
+    played.add_argument(
+        "--range-noise", type=float, metavar="METRES", help="σ of noise added to every range"
+    )
+    played.add_argument("--seed", type=int, metavar="S", help="of that noise (default 0)")
+    played.add_argument(
+        "--max-range", type=float, metavar="METRES", help="longer ranges are no return (default 40)"
+    )
+    played.add_argument(
+        "--field-of-view", type=float, metavar="DEG", help="of the scanner (default a half turn)"
+    )
+    parser.add_argument("--out", type=Path, metavar="DIR", help="folder for the results")
+    parser.add_argument("--json", type=Path, metavar="FILE", help="the metrics also here")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    from station.carmen import read_scans
+    from station.formats import read_tum, write_text
+    from station.relations import read_relations, reference_errors, relation_errors
+    from station.replay import play
+    from station.replay_report import PICTURE, measure_replay, replay_table, write_replay
+    from station.report_folder import run_folder
+    from station.warm_up import ensure_warm
+
+    settings = _settings(args)
+    scans = read_scans(args.log)
+    relations = read_relations(args.relations) if args.relations else None
+    reference = read_tum(args.reference) if args.reference else None
+    folder = run_folder(args.out)
+    ensure_warm()
+    with _progress_bar(args.log.name) as progress:
+        replay = play(scans, settings, progress)
+    metrics = measure_replay(
+        args.log,
+        settings,
+        replay,
+        relation_errors(replay, relations, args.interpolate) if relations else None,
+        reference_errors(replay, reference) if reference else None,
+    )
+    write_replay(replay, metrics, folder)
+    if args.json is not None:
+        args.json.parent.mkdir(parents=True, exist_ok=True)
+        write_text(args.json, metrics.model_dump_json(indent=2) + "\n")
+    print(replay_table(metrics))
+    print(f"report: {folder}  picture: {folder / PICTURE}", flush=True)
+    return 0
+
+
+def _settings(args: argparse.Namespace) -> "ReplaySettings":
+    from pydantic import ValidationError
+
+    from station.replay import ReplayError, ReplaySettings
+
+    asked = {
+        "engine": args.engine,
+        "reverse": args.reverse,
+        "every": args.every,
+        "odometry_scale": args.odometry_scale,
+        "turn_error": args.turn_error,
+        "range_noise_m": args.range_noise,
+        "seed": args.seed,
+        "max_range_m": args.max_range,
+        "field_of_view_deg": args.field_of_view,
+    }
+    try:
+        return ReplaySettings.model_validate(
+            {name: value for name, value in asked.items() if value is not None}
+        )
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        option = "--" + str(first["loc"][0]).removesuffix("_m").removesuffix("_deg")
+        raise ReplayError(f"{option.replace('_', '-')}: {first['msg']}") from None
+
+
+@contextmanager
+def _progress_bar(name: str) -> Iterator["Progress"]:
+    """A bar on a terminal's standard error; nothing elsewhere."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+    from rich.progress import Progress as Bar
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
+    with Bar(
+        *columns,
+        TimeRemainingColumn(),
+        console=Console(stderr=True),
+        disable=not sys.stderr.isatty(),
+        refresh_per_second=4,
+    ) as bar:
+        task = bar.add_task(name, total=None)
+
+        def progress(done: int, total: int) -> None:
+            if done == total or done % (total // PROGRESS_STEPS + 1) == 0:
+                bar.update(task, completed=done, total=total)
+
+        yield progress

@@ -1,0 +1,216 @@
+"""Playing a log to a SLAM engine, offline and as fast as the engine takes it.
+
+A log may be played backwards, decimated, with odometry that is wrong by a factor and with more
+noise on its ranges: what an engine must also stand.
+"""
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from pydantic import Field
+
+from protocol.config import BodyConfig, LidarConfig
+from protocol.errors import EarshotError
+from protocol.model import Model
+from protocol.pose import IDENTITY, FloatArray, Pose2, compose, invert
+from robot.jobs import Jobs
+from robot.perception.odometry import Motion
+from robot.perception.scan import LaserScan, beam_angles, perceive
+from robot.slam.engine import Entry, GraphSnapshot, Keyframe
+from robot.slam.engines import make_engine
+from station.along_odometry import follow_odometry
+from station.carmen import CarmenScan
+
+# Scans that an engine of its own sees first, so that no scan of the log waits for a kernel to load.
+REHEARSAL_SCANS = 12
+
+Progress = Callable[[int, int], None]
+
+
+class ReplayError(EarshotError):
+    """A log that cannot be played as asked; the message says why and what to change."""
+
+
+class ReplaySettings(Model):
+    """How a log is played. The defaults play it as it is."""
+
+    engine: str = "graph"
+    reverse: bool = Field(False, description="from its end to its beginning")
+    every: int = Field(1, ge=1, description="only every n-th scan")
+    odometry_scale: float = Field(1.0, gt=0.0, le=10.0, description="factor on driven distances")
+    turn_error: float = Field(0.0, gt=-1.0, le=10.0, description="share that turns are too far")
+    range_noise_m: float = Field(0.0, ge=0.0, le=10.0, description="σ added to every range")
+    seed: int = Field(0, ge=0, description="what that noise is drawn from")
+    max_range_m: float = Field(40.0, gt=0.0, le=1000.0, description="longer ranges are no return")
+    field_of_view_deg: float | None = Field(None, gt=0.0, le=360.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Replay:
+    """What came of a log: n scans in the order of their stamps, of which m were played.
+
+    `odometry` and `poses` (n×3): the wheels' and the final estimate of every scan; poses of scans
+    that were not played follow the odometry between those that were. `online` (m×3) is what the
+    engine said at once. `keyframes` are (pose, scan). `step_s` (m): time for each played scan.
+    """
+
+    stamps: FloatArray
+    logger_stamps: FloatArray
+    odometry: FloatArray
+    poses: FloatArray
+    played: FloatArray
+    online: FloatArray
+    keyframes: list[tuple[Pose2, LaserScan]]
+    graph: GraphSnapshot
+    loop_closures: int
+    step_s: FloatArray
+    wall_s: float
+    lidar: LidarConfig
+
+
+def lidar_of(beams: int, settings: ReplaySettings) -> LidarConfig:
+    """A scanner that looks forward. An even number of beams over a half turn lacks the last one:
+    180 stand at −90…+89°, 361 at −90…+90°."""
+    if beams < 3:
+        raise ReplayError(f"scans of {beams} beams; expected at least 3")
+    if settings.field_of_view_deg is None:
+        span = math.pi * (1.0 if beams % 2 else (beams - 1) / beams)
+        first = -0.5 * math.pi
+    else:
+        span = math.radians(settings.field_of_view_deg)
+        first = -0.5 * span
+    return LidarConfig(
+        beams=beams,
+        field_of_view_rad=span,
+        angle_min_rad=first,
+        max_range_m=settings.max_range_m,
+        noise="none",
+    )
+
+
+def raw_motion(T_before_now: Pose2) -> Motion:
+    """Motion by a log's odometry, of which nothing is known: stamps are late and wheels scrub, and
+    turns are worth little."""
+    metres, radians = math.hypot(T_before_now.x, T_before_now.y), abs(T_before_now.theta)
+    along = 0.10 * metres + 0.02 * radians + 0.001
+    across = 0.05 * metres + 0.02 * radians + 0.001
+    turned = 0.20 * radians + 0.05 * metres + 0.001
+    return Motion(T_before_now, np.diag([along**2, across**2, turned**2]))
+
+
+def play(
+    scans: list[CarmenScan], settings: ReplaySettings, progress: Progress | None = None
+) -> Replay:
+    """Play scans (as read, in the order of the file) to an engine that starts at the origin.
+
+    `progress` is told (scans played, of how many). Scans whose stamp is not after the one before
+    are left out. Raises ReplayError when nothing is left to play, UnknownEngineError.
+    """
+    scans = _in_order(scans)
+    lidar = lidar_of(len(scans[0].ranges), settings)
+    odometry = _wrong(np.array([scan.odometry.to_array() for scan in scans]), settings)
+    ranges = _noisy(scans, settings)
+    order = np.arange(len(scans))[:: -1 if settings.reverse else 1][:: settings.every]
+    _rehearse(ranges, odometry, order, lidar, settings)
+
+    engine = make_engine(settings.engine, lidar, BodyConfig(), IDENTITY, Jobs())
+    step_s, online = np.empty(len(order)), np.empty((len(order), 3))
+    before = Pose2.from_array(odometry[order[0]])
+    start = time.perf_counter()
+    for tick, index in enumerate(order):
+        began = time.perf_counter()
+        now = Pose2.from_array(odometry[index])
+        estimate = engine.step(
+            tick, raw_motion(before.inverse() @ now), perceive(ranges[index], lidar)
+        )
+        before = now
+        step_s[tick] = time.perf_counter() - began
+        online[tick] = estimate.pose.to_array()
+        if progress is not None:
+            progress(tick + 1, len(order))
+    wall_s = time.perf_counter() - start
+
+    stamps = np.array([scan.stamp for scan in scans])
+    by_stamp = np.argsort(order)
+    played = order[by_stamp]
+    poses = engine.trajectory()[by_stamp]
+    return Replay(
+        stamps=stamps,
+        logger_stamps=np.array([scan.logger_stamp for scan in scans]),
+        odometry=odometry,
+        poses=follow_odometry(stamps[played], odometry[played], poses, stamps, odometry),
+        played=stamps[played],
+        online=online[by_stamp],
+        keyframes=_keyframes(engine.take_entries(), engine.anchors, lidar),
+        graph=engine.graph(),
+        loop_closures=engine.loop_closures,
+        step_s=step_s,
+        wall_s=wall_s,
+        lidar=lidar,
+    )
+
+
+def _in_order(scans: list[CarmenScan]) -> list[CarmenScan]:
+    kept: list[CarmenScan] = []
+    for scan in scans:
+        if not kept or scan.stamp > kept[-1].stamp:
+            kept.append(scan)
+    if len(kept) < 2:
+        raise ReplayError(f"{len(kept)} scans in the order of time; a log needs two at least")
+    return kept
+
+
+def _wrong(odometry: FloatArray, settings: ReplaySettings) -> FloatArray:
+    """The odometry (n×3) of a robot whose wheels are not what it thinks."""
+    if settings.odometry_scale == 1.0 and settings.turn_error == 0.0:
+        return odometry
+    steps = compose(invert(odometry[:-1]), odometry[1:])
+    steps *= [settings.odometry_scale, settings.odometry_scale, 1.0 + settings.turn_error]
+    wrong = [odometry[0]]
+    for step in steps:
+        wrong.append(compose(wrong[-1], step))
+    return np.array(wrong)
+
+
+def _noisy(scans: list[CarmenScan], settings: ReplaySettings) -> list[np.ndarray]:
+    """The ranges (n) of every scan; noise is drawn for a scan whether it is played or not."""
+    chance = np.random.default_rng(settings.seed)
+    out = []
+    for scan in scans:
+        ranges = scan.ranges
+        if settings.range_noise_m > 0.0:
+            ranges = ranges + settings.range_noise_m * chance.standard_normal(len(ranges))
+        out.append(ranges.astype(np.float32))
+    return out
+
+
+def _rehearse(
+    ranges: list[np.ndarray],
+    odometry: FloatArray,
+    order: np.ndarray,
+    lidar: LidarConfig,
+    settings: ReplaySettings,
+) -> None:
+    engine = make_engine(settings.engine, lidar, BodyConfig(), IDENTITY, Jobs())
+    before = Pose2.from_array(odometry[order[0]])
+    for tick, index in enumerate(order[:REHEARSAL_SCANS]):
+        now = Pose2.from_array(odometry[index])
+        engine.step(tick, raw_motion(before.inverse() @ now), perceive(ranges[index], lidar))
+        before = now
+
+
+def _keyframes(
+    entries: list[Entry], anchors: FloatArray, lidar: LidarConfig
+) -> list[tuple[Pose2, LaserScan]]:
+    angles = beam_angles(lidar)
+    return [
+        (
+            Pose2.from_array(anchors[entry.anchor]) @ entry.T_anchor_keyframe,
+            LaserScan(np.array(entry.ranges), angles, lidar.max_range_m),
+        )
+        for entry in entries
+        if isinstance(entry, Keyframe)
+    ]

@@ -1,0 +1,99 @@
+"""Starts that need no start, and optimisation among false edges."""
+
+import numpy as np
+import numpy.typing as npt
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from protocol.pose import FloatArray, compose, invert
+from robot.slam.chordal import chordal_start
+from robot.slam.graduated import optimise_graduated
+from robot.slam.pose_graph import PoseGraphError, optimise
+
+
+def ring(
+    count: int, seed: int, noise: float
+) -> tuple[FloatArray, npt.NDArray[np.int64], FloatArray, FloatArray]:
+    """Three laps on a circle: true nodes, edges (consecutive, and one lap apart), measurements,
+    information."""
+    rng = np.random.default_rng(seed)
+    angle = np.linspace(0.0, 6.0 * np.pi, count, endpoint=False)
+    heading = (angle + 0.5 * np.pi + np.pi) % (2 * np.pi) - np.pi
+    nodes = np.column_stack([5.0 * np.cos(angle), 5.0 * np.sin(angle), heading])
+    nodes = compose(invert(nodes[0]), nodes)
+    lap = count // 3
+    steps = [(i, i + 1) for i in range(count - 1)]
+    closures = [(i, i + lap) for i in range(0, count - lap, 2)]
+    edges = np.array(steps + closures)
+    measured = compose(invert(nodes[edges[:, 0]]), nodes[edges[:, 1]])
+    measured = measured + noise * rng.standard_normal(measured.shape)
+    information = np.tile(np.eye(3) / max(noise, 1e-2) ** 2, (len(edges), 1, 1))
+    return nodes, edges, measured, information
+
+
+def first_fixed(count: int) -> npt.NDArray[np.bool_]:
+    return np.asarray(np.arange(count) == 0)
+
+
+@settings(max_examples=15, deadline=None)
+@given(seed=st.integers(0, 1000))
+def test_exact_measurements_give_the_exact_graph_from_nothing(seed: int) -> None:
+    nodes, edges, measured, information = ring(30, seed, 0.0)
+    start = np.random.default_rng(seed).uniform(-3, 3, nodes.shape)
+    start[0] = nodes[0]
+    found = chordal_start(start, edges, measured, information, first_fixed(30))
+    np.testing.assert_allclose(found[:, :2], nodes[:, :2], atol=1e-5)
+    np.testing.assert_allclose(np.cos(found[:, 2] - nodes[:, 2]), 1.0, atol=1e-9)
+
+
+def test_it_leads_where_the_true_nodes_lead() -> None:
+    nodes, edges, measured, information = ring(60, 3, 0.05)
+    fixed = first_fixed(60)
+    found = chordal_start(np.zeros_like(nodes), edges, measured, information, fixed)
+    by_truth = optimise(nodes, edges, measured, information, fixed)
+    by_start = optimise(found, edges, measured, information, fixed)
+    assert by_start.converged
+    assert by_start.chi2 == pytest.approx(by_truth.chi2, rel=1e-5)
+
+
+def test_fixed_nodes_stay_and_nothing_to_do_is_done() -> None:
+    nodes, edges, measured, information = ring(12, 0, 0.02)
+    fixed = np.zeros(12, dtype=bool)
+    fixed[[0, 7]] = True
+    found = chordal_start(nodes, edges, measured, information, fixed)
+    np.testing.assert_array_equal(found[fixed], nodes[fixed])
+    same = chordal_start(nodes, edges, measured, information, np.ones(12, dtype=bool))
+    np.testing.assert_array_equal(same, nodes)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_false_edges_are_refused_and_true_ones_kept(seed: int) -> None:
+    nodes, edges, measured, information = ring(60, seed, 0.02)
+    rng = np.random.default_rng(seed)
+    false = np.column_stack([rng.integers(0, 20, 9), rng.integers(25, 60, 9)])
+    wrong = np.column_stack([rng.uniform(3, 9, (9, 2)), rng.uniform(-3, 3, 9)])
+    all_edges, all_measured = np.vstack([edges, false]), np.vstack([measured, wrong])
+    all_information = np.concatenate([information, information[:9]])
+    doubted = np.arange(len(all_edges)) >= 59
+    start = [nodes[0]]
+    for step in measured[:59]:
+        start.append(compose(start[-1], step))
+    found = optimise_graduated(
+        np.array(start), all_edges, all_measured, all_information, first_fixed(60), doubted
+    )
+    clean = optimise(nodes, edges, measured, information, first_fixed(60))
+    np.testing.assert_array_equal(found.weights[-9:], 0.0)
+    assert found.weights[:-9].mean() > 0.98
+    assert found.solution.converged
+    apart = found.solution.nodes[:, :2] - clean.nodes[:, :2]
+    assert np.hypot(*apart.T).max() < 0.02
+
+
+def test_a_node_that_hangs_on_doubted_edges_alone_is_refused() -> None:
+    nodes, edges, measured, information = ring(12, 0, 0.02)
+    doubted = np.arange(len(edges)) == 3
+    with pytest.raises(PoseGraphError, match="only doubted edges tie node 4"):
+        optimise_graduated(
+            nodes, edges[:11], measured[:11], information[:11], first_fixed(12), doubted[:11]
+        )

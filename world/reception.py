@@ -1,0 +1,175 @@
+"""Where everything arrives that comes to the world: each message to the robot it is about."""
+
+import logging
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Protocol
+
+from protocol.bus import Arrival, Bus, Event, Flood, Presence, Question
+from protocol.interrupt import Interrupt
+from protocol.messages import (
+    Action,
+    Ended,
+    MapReply,
+    RadioFrame,
+    Report,
+    TrajectoryReply,
+)
+from protocol.topics import (
+    ACT,
+    CONFIG,
+    ENDED,
+    EXACT_MAP,
+    MAP,
+    RADIO_OUT,
+    REPORT,
+    ROBOT_ALIVE,
+    TRAJECTORY,
+)
+from world.robot_link import RobotLink
+from world.roster import Roster
+from world.simulation import Simulation
+
+log = logging.getLogger(__name__)
+
+SPOKEN = (RADIO_OUT, ACT, REPORT)  # what robots say without being asked
+MUTE_TICKS = 100  # how long who floods is not listened to
+POLL_S = 0.2  # how often a wait looks at its interrupt and at the processes it depends on
+
+
+class Watcher(Protocol):
+    """Who is told of the run while it goes on; a `station.observer.Observer` is one."""
+
+    def started(self, simulation: Simulation) -> None: ...
+
+    def ticked(self, simulation: Simulation, reports: Mapping[str, Report]) -> None: ...
+
+    def mapped(self, robot: str, reply: MapReply) -> None: ...
+
+
+@dataclass(slots=True)
+class Replies:
+    """What one robot answered at the end; None for what it did not."""
+
+    map: MapReply | None = None
+    trajectory: TrajectoryReply | None = None
+
+    @property
+    def complete(self) -> bool:
+        return self.map is not None and self.trajectory is not None
+
+
+class Reception:
+    """Reads the world's inbox and keeps what it says about the robots."""
+
+    def __init__(
+        self,
+        simulation: Simulation,
+        roster: Roster,
+        bus: Bus,
+        watcher: Watcher,
+        interrupt: Interrupt,
+        check: Callable[[], None],
+    ) -> None:
+        self.replies = {name: Replies() for name in simulation.names}
+        self.reports: dict[str, Report] = {}
+        """The newest report of each robot."""
+        self._simulation = simulation
+        self._roster = roster
+        self._bus = bus
+        self._watcher = watcher
+        self._check = check
+        self._inbox = bus.inbox()
+        interrupt.on_request.append(self._inbox.wake)
+        for name, link in roster.links.items():
+            self._inbox.serve(CONFIG, name, link.allowance)
+            for topic in SPOKEN:
+                self._inbox.subscribe(topic, name, link.allowance)
+            self._inbox.watch(ROBOT_ALIVE, name)
+
+    def read_next(self, timeout_s: float = POLL_S) -> None:
+        """Wait for the next event; where none comes, look after the processes we depend on."""
+        event = self._inbox.get(timeout_s)
+        if event is None:
+            self._check()
+        else:
+            self._take(event)
+
+    def read_all(self) -> None:
+        """Take what is there already."""
+        for event in self._inbox.drain():
+            self._take(event)
+
+    def ask_for_maps(self) -> None:
+        """Ask every robot that has time for its present map; the watcher gets the answers."""
+        for link in self._roster.alive:
+            if not link.owes:
+                self._inbox.ask(MAP, link.name)
+
+    def ask_for_last_words(self, timeout_s: float) -> list[str]:
+        """Ask every live robot for its last map and trajectory; returns who was asked."""
+        asked = [link.name for link in self._roster.alive]
+        for name in asked:
+            self._inbox.ask(EXACT_MAP, name, timeout_s)
+            self._inbox.ask(TRAJECTORY, name, timeout_s)
+        return asked
+
+    def dismiss(self, name: str, reason: str) -> None:
+        """Send a robot home."""
+        self._bus.publish(ENDED, Ended(tick=max(0, self._simulation.tick), reason=reason), name)
+
+    def _take(self, event: Event) -> None:
+        link = self._roster.links[event.robot]
+        match event:
+            case Question():
+                event.reply(self._simulation.robot_config(event.robot))
+            case Flood():
+                self._mute(link)
+            case Presence(alive=True):
+                self._welcome(link)
+            case Presence(alive=False):
+                self._mark_lost(link)
+            case Arrival(topic=topic) if link.lost or (link.muted and topic in SPOKEN):
+                pass
+            case Arrival(message=RadioFrame() as frame):
+                link.accept_frame(frame)
+            case Arrival(message=Action() as action):
+                link.accept_action(action, self._simulation.tick)
+            case Arrival(message=Report() as report):
+                link.accept_report(report, self._simulation.tick)
+                self.reports[event.robot] = link.reports[-1]
+            case Arrival(topic=topic, message=MapReply() as reply):
+                if topic is EXACT_MAP:
+                    self.replies[event.robot].map = reply
+                else:
+                    self._watcher.mapped(event.robot, reply)
+            case Arrival(message=TrajectoryReply() as reply):
+                self.replies[event.robot].trajectory = reply
+
+    def listen_again(self) -> None:
+        """To those who were muted long enough."""
+        for link in self._roster.links.values():
+            if link.muted_until is not None and self._simulation.tick >= link.muted_until:
+                link.unmute()
+                self._inbox.unmute(link.name)
+
+    def _mute(self, link: RobotLink) -> None:
+        """Its answer may be among what was dropped unread: nobody waits for it."""
+        if not link.mutes:
+            log.warning("%s floods the world: not listened to for %d ticks", link.name, MUTE_TICKS)
+        self._inbox.mute(link.name)
+        link.mute(self._simulation.tick + MUTE_TICKS)
+        self._simulation.halt(link.name)
+
+    def _welcome(self, link: RobotLink) -> None:
+        if link.lost:  # its teammates already went on without it
+            self.dismiss(link.name, "it was given up for lost")
+        link.present = True
+
+    def _mark_lost(self, link: RobotLink) -> None:
+        if not self._roster.closed:
+            link.present = False
+        elif link.alive:
+            log.warning("%s is lost at tick %d; the others go on", link.name, self._simulation.tick)
+            link.lost = True
+            self._simulation.mark_dead(link.name)
