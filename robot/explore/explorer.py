@@ -14,6 +14,7 @@ import numpy as np
 from protocol.config import RobotConfig
 from protocol.messages import DriveCommand
 from protocol.pose import FloatArray, Pose2
+from robot.explore.nearest import FRESH_TICKS
 from robot.explore.pilot import GridProvider, Pilot, Steering
 from robot.explore.planner import NO_PATH
 from robot.explore.policies import make_policy
@@ -26,6 +27,8 @@ PLAN_DELAY_TICKS = 3
 PLAN_EVERY_S, PLAN_FAR_EVERY_S, LOOK_AGAIN_S = 1.0, 2.0, 5.0
 FAR_M = 4.0
 VISITED_M = 0.30
+SAME_GOAL_M = 1.0
+MOST_RETURNS = 5
 NOTABLE_M = 1.0
 
 
@@ -58,6 +61,7 @@ class Explorer:
         self._plan_due = 0
         self._frontier_m = 0.0
         self._visited: list[Pose2] = []
+        self._returns: list[tuple[Pose2, int]] = []
         self._given_up: list[Pose2] = []
         self._retried = False
         self._exhausted = 0
@@ -98,6 +102,7 @@ class Explorer:
     ) -> None:
         if self._policy is None:
             self._policy = make_policy(self._config.policy)
+        self._note_lookouts(teammates)
         refused = [(p.x, p.y) for p in (*self._visited, *self._given_up)]
         view = View(
             self._config.name, tick, grids.snapshot(), pose, self._config.body, teammates,
@@ -125,10 +130,36 @@ class Explorer:
             # Seen from here, and still unknown: no ray gets there.
             self._visited.append(plan.goal)
             self._plan_due = tick
+        elif self._returns_too_often(plan.goal):
+            self._given_up.append(plan.goal)
+            self._plan_due = tick
         else:
             self._exhausted = 0
             self._goal = plan.goal
             self._pilot.follow(plan.path)
+
+    def _note_lookouts(self, teammates: tuple[Teammate, ...]) -> None:
+        """Remember where a teammate stands with no goal: what is unknown from there stays so.
+
+        Forgotten as soon as it is out of range, that frontier would call this robot back, only to
+        be left again when the two can hear each other.
+        """
+        for mate in teammates:
+            if mate.in_range and mate.goal is None and mate.age_ticks <= FRESH_TICKS:
+                known = any(place.distance_to(mate.pose) <= VISITED_M for place in self._visited)
+                if not known:
+                    self._visited.append(mate.pose)
+
+    def _returns_too_often(self, goal: Pose2) -> bool:
+        """Count how often the robot turned to a goal after it had left it for another."""
+        if self._goal is not None and self._goal.distance_to(goal) <= SAME_GOAL_M:
+            return False
+        for place, (other, count) in enumerate(self._returns):
+            if other.distance_to(goal) <= SAME_GOAL_M:
+                self._returns[place] = (other, count + 1)
+                return count >= MOST_RETURNS
+        self._returns.append((goal, 0))
+        return False
 
     def _stand(self) -> None:
         self._goal = None
@@ -139,6 +170,7 @@ class Explorer:
         self._plan_due = tick
         if self._given_up and not self._retried:
             self._given_up, self._retried, self._exhausted = [], True, 0
+            self._returns = []
         self.finished = self._exhausted >= 2
 
     def _note(self, tick: int, steering: Steering) -> None:
