@@ -14,6 +14,7 @@ import numpy as np
 from protocol.config import RobotConfig
 from protocol.messages import DriveCommand
 from protocol.pose import FloatArray, Pose2
+from robot.explore.footprints import Footprints
 from robot.explore.nearest import FRESH_TICKS
 from robot.explore.pilot import GridProvider, Pilot, Steering
 from robot.explore.planner import NO_PATH
@@ -55,7 +56,9 @@ class Explorer:
         self._jobs = jobs
         self._policy: Policy | None = make_policy(config.policy)
         self._pilot = Pilot(config, jobs)
+        self._footprints = Footprints()
         self._goal: Pose2 | None = None
+        self._explores = True
         self._reason = "waiting for a first map"
         self._planned_from: Pose2 | None = None
         self._plan_due = 0
@@ -77,6 +80,7 @@ class Explorer:
         teammates: tuple[Teammate, ...],
     ) -> Decision:
         """Take what is known at this tick, in the map frame, and decide."""
+        self._leave_footprints(tick, pose, teammates)
         for plan in self._jobs.landed("plan", tick):
             self._take(tick, plan)
         if self._is_plan_due(tick):
@@ -91,6 +95,12 @@ class Explorer:
             self.finished,
             self._frontier_m,
         )
+
+    def _leave_footprints(self, tick: int, pose: Pose2, teammates: tuple[Teammate, ...]) -> None:
+        for place in (pose, *(mate.pose for mate in teammates)):
+            self._footprints.mark(tick, place)
+        if self._goal is not None and self._pilot.arrived:
+            self._footprints.mark(tick, self._goal)  # it may lie beyond the border of a square
 
     def _is_plan_due(self, tick: int) -> bool:
         if self._jobs.pending("plan") or self._pilot.recovering:
@@ -107,6 +117,7 @@ class Explorer:
         view = View(
             self._config.name, tick, grids.snapshot(), pose, self._config.body, teammates,
             np.array(refused, dtype=np.float64).reshape(-1, 2), self._goal,
+            self._footprints.visits(), self._config.tick_s,
         )  # fmt: skip
         self._jobs.start("plan", tick, PLAN_DELAY_TICKS, self._policy.plan, view)
         self._planned_from = pose
@@ -126,6 +137,8 @@ class Explorer:
             self._stand()
             if plan.exhausted:
                 self._note_exhausted(tick)
+        elif not plan.explores:
+            self._go(plan)
         elif self._planned_from and plan.goal.distance_to(self._planned_from) <= VISITED_M:
             # Seen from here, and still unknown: no ray gets there.
             self._visited.append(plan.goal)
@@ -134,9 +147,12 @@ class Explorer:
             self._given_up.append(plan.goal)
             self._plan_due = tick
         else:
-            self._exhausted = 0
-            self._goal = plan.goal
-            self._pilot.follow(plan.path)
+            self._go(plan)
+
+    def _go(self, plan: Plan) -> None:
+        self._exhausted = 0
+        self._goal, self._explores = plan.goal, plan.explores
+        self._pilot.follow(plan.path)
 
     def _note_lookouts(self, teammates: tuple[Teammate, ...]) -> None:
         """Remember where a teammate stands with no goal: what is unknown from there stays so.
@@ -175,7 +191,10 @@ class Explorer:
 
     def _note(self, tick: int, steering: Steering) -> None:
         if steering.gave_up and self._goal is not None:
-            self._given_up.append(self._goal)
+            if self._explores:
+                self._given_up.append(self._goal)
+            else:
+                self._footprints.mark(tick, self._goal)
             self._goal = None
         if steering.wants_plan:
             self._plan_due = tick
@@ -185,4 +204,4 @@ class Explorer:
             return "done: nothing reachable is left"
         if self._goal is None:
             return f"standing: {self._reason}"
-        return f"exploring: {self._reason}"
+        return f"exploring: {self._reason}" if self._explores else self._reason

@@ -4,7 +4,7 @@ import math
 
 from protocol.pose import Pose2
 from robot.explore.frontier import Frontier, find_frontiers
-from robot.explore.planner import NO_PATH, Terrain, path_to, survey, travel_field
+from robot.explore.planner import NO_PATH, Terrain, TravelField, path_to, survey, travel_field
 from robot.explore.policy import Plan, Teammate, View
 
 CLAIM_RADIUS_M = 2.0
@@ -25,28 +25,33 @@ class NearestFrontier:
         field = travel_field(terrain, view.pose, near)
         if field is None:
             return Plan(None, NO_PATH, "waiting for a first map", False, 0.0)
-        found = find_frontiers(terrain, field, view.refused)
-        frontiers = [f for f in found if not _looks_at(view.teammates, terrain, f)]
-        left = sum(frontier.length_m for frontier in frontiers)
-        if not frontiers:
-            # A teammate at work will say what it sees; one without a goal has said it.
-            waiting = bool(found) and any(mate.goal is not None for mate in view.teammates)
-            reason = "a teammate looks at what is left" if waiting else "nothing reachable is left"
-            return Plan(None, NO_PATH, reason, not waiting, left)
-        claimed = [
-            any(_claims(mate, frontier, view) for mate in view.teammates) for frontier in frontiers
-        ]
-        if all(claimed) and left < WORTH_FOLLOWING_M:
-            return Plan(None, NO_PATH, "a teammate is on its way to what is left", False, left)
-        # Where much is left, going along beats standing about: the way may fork ahead.
-        free = [f for f, taken in zip(frontiers, claimed, strict=True) if not taken] or frontiers
-        chosen = min(free, key=lambda frontier: _price(frontier, terrain, view))
-        path = path_to(terrain, field, chosen.row, chosen.column)
-        goal = _goal(terrain, chosen)
-        reason = f"nearest frontier {chosen.travel_m:.1f} m away"
-        if chosen is not frontiers[0] and claimed[0]:
-            reason += ", a nearer one is a teammate's"
-        return Plan(goal, path, reason, False, left)
+        return nearest_frontier(view, terrain, field)
+
+
+def nearest_frontier(view: View, terrain: Terrain, field: TravelField) -> Plan:
+    """The plan of `NearestFrontier`, for a terrain and travel from the robot's pose over it."""
+    found = find_frontiers(terrain, field, view.refused)
+    frontiers = [f for f in found if not _looks_at(view.teammates, terrain, f)]
+    left = sum(frontier.length_m for frontier in frontiers)
+    if not frontiers:
+        # A teammate at work will say what it sees; one without a goal has said it.
+        waiting = bool(found) and any(mate.goal is not None for mate in view.teammates)
+        reason = "a teammate looks at what is left" if waiting else "nothing reachable is left"
+        return Plan(None, NO_PATH, reason, not waiting, left)
+    claimed = [
+        any(_claims(mate, frontier, view) for mate in view.teammates) for frontier in frontiers
+    ]
+    if all(claimed) and left < WORTH_FOLLOWING_M:
+        return Plan(None, NO_PATH, "a teammate is on its way to what is left", False, left)
+    # Where much is left, going along beats standing about: the way may fork ahead.
+    free = [f for f, taken in zip(frontiers, claimed, strict=True) if not taken] or frontiers
+    chosen = min(free, key=lambda frontier: _price(frontier, terrain, view))
+    path = path_to(terrain, field, chosen.row, chosen.column)
+    goal = _goal(terrain, chosen)
+    reason = f"nearest frontier {chosen.travel_m:.1f} m away"
+    if chosen is not frontiers[0] and claimed[0]:
+        reason += ", a nearer one is a teammate's"
+    return Plan(goal, path, reason, False, left)
 
 
 def _price(frontier: Frontier, terrain: Terrain, view: View) -> float:

@@ -11,9 +11,13 @@ from pathlib import Path
 
 from protocol.errors import EarshotError
 from robot.explore.nearest import NearestFrontier
+from robot.explore.patrol import Patrol
 from robot.explore.policy import Policy
 
-POLICIES: dict[str, Callable[[], Policy]] = {"frontier": NearestFrontier}
+POLICIES: dict[str, Callable[[], Policy]] = {
+    "frontier": NearestFrontier,
+    "patrol": Patrol,
+}
 
 
 class PolicyError(EarshotError):

@@ -5,8 +5,10 @@ A new policy is one file with a class that has `plan`; `robot.explore.policies` 
 or by `path/to/file.py:ClassName`.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
+
+import numpy as np
 
 from maps.grid import OccupancyGrid
 from protocol.config import BodyConfig
@@ -30,6 +32,7 @@ class View:
 
     `grid` is the joint map. `refused` (n×2) are goals that could not be reached lately, or that
     were reached and showed nothing new. `goal` is where the robot is heading now, if anywhere.
+    `visits` (n×3) are places (x, y in m) and the tick when one of the team was last seen there.
     """
 
     name: str
@@ -40,6 +43,8 @@ class View:
     teammates: tuple[Teammate, ...]
     refused: FloatArray
     goal: Pose2 | None = None
+    visits: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
+    tick_s: float = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +54,8 @@ class Plan:
     `goal` is None and `path` empty when there is nowhere to go; `exhausted` then says whether
     that is because nothing reachable is left to explore (and not because the way is blocked
     for the moment). `frontier_m` is the length of frontier that is left and can be reached.
+    A goal that `explores` is a place to see something new from: once reached, or turned to and
+    left again too often, it is not gone to any more. One that does not may be visited for ever.
     """
 
     goal: Pose2 | None
@@ -56,6 +63,7 @@ class Plan:
     reason: str
     exhausted: bool
     frontier_m: float
+    explores: bool = True
 
 
 class Policy(Protocol):
