@@ -7,10 +7,10 @@ import pytest
 from pydantic import ValidationError
 from scipy import ndimage
 
-from maps.building import BuildingConfig
-from maps.generator import SHIPPED, main, make_building
+from maps.building import BuildingConfig, BuildingError
+from maps.generator import FOLDER, LAYOUTS, SHIPPED, main, make_building
 from maps.grid import MapFileError, OccupancyGrid
-from maps.library import FOLDER, find_map, load_map, shipped_maps
+from maps.library import find_map, load_map, shipped_maps
 
 # A robot has a radius of 0.20 m; this much leaves it comfort.
 COMFORTABLE_M = 0.30
@@ -33,17 +33,93 @@ def test_the_shipped_files_are_what_the_generator_makes(tmp_path: Path) -> None:
         assert path.read_bytes() == (FOLDER / path.name).read_bytes(), path.name
 
 
+def areas(grid: OccupancyGrid) -> int:
+    """Between how many parts of a building there is no way."""
+    return int(ndimage.label(room_for(grid, COMFORTABLE_M))[1])
+
+
 @pytest.mark.parametrize("name", sorted(SHIPPED))
 def test_every_place_can_be_reached_with_comfort(name: str) -> None:
-    _, areas = ndimage.label(room_for(load_map(name), COMFORTABLE_M))
-    assert areas == 1
+    assert areas(load_map(name)) == (2 if name == "apart" else 1)
 
 
-@pytest.mark.parametrize("seed", range(12))
-def test_buildings_of_other_seeds_can_be_reached_too(seed: int) -> None:
-    grid = make_building(BuildingConfig(seed=seed))
-    _, areas = ndimage.label(room_for(grid, COMFORTABLE_M))
-    assert areas == 1
+@pytest.mark.parametrize("name", sorted(SHIPPED))
+def test_buildings_of_other_seeds_can_be_reached_too(name: str) -> None:
+    for seed in range(6):
+        grid = make_building(SHIPPED[name].model_copy(update={"seed": seed}))
+        assert areas(grid) == (2 if name == "apart" else 1), seed
+
+
+def test_every_layout_ships() -> None:
+    assert {config.layout for config in SHIPPED.values()} == set(LAYOUTS)
+
+
+def test_a_large_office_has_corridors_between_blocks_of_rooms() -> None:
+    grid = load_map("office:width_m=100,height_m=60")
+    assert areas(grid) == 1
+    height, width = np.array(grid.cells.shape) * grid.resolution
+    assert (round(width), round(height)) == (101, 61)
+    rooms, _ = ndimage.label(room_for(grid, 0.65))
+    sizes = np.bincount(rooms.ravel())[1:] * grid.resolution**2
+    assert (sizes > 4.0).sum() >= 100
+    assert np.sort(sizes)[-2] < 60.0  # the largest is the net of corridors, no other is a hall
+
+
+def test_a_symmetric_building_is_the_same_upside_down() -> None:
+    for seed in range(3):
+        config = SHIPPED["symmetric"].model_copy(update={"seed": seed})
+        cells = make_building(config).cells
+        assert np.array_equal(cells, cells[::-1, ::-1])
+        assert not np.array_equal(cells, cells[::-1])
+
+
+def test_rooms_in_rows_are_look_alikes_and_their_hall_is_not() -> None:
+    config = SHIPPED["rows"]
+    cells = load_map("rows").cells
+    pitch = round((config.room_width_m + config.wall_m) / config.resolution_m)
+    first = round((config.margin_m + config.wall_m) / config.resolution_m)
+    above = cells.shape[0] * 6 // 10
+    rooms = [cells[above:, first + pitch * k : first + pitch * (k + 1)] for k in range(1, 7)]
+    assert all(np.array_equal(room[:, :-3], rooms[0][:, :-3]) for room in rooms)
+    assert not np.array_equal(cells[above:, first : first + pitch - 3], rooms[0][:, :-3])
+
+
+def test_a_tilt_turns_the_building_counter_clockwise_and_loses_nothing() -> None:
+    config = BuildingConfig(layout="rooms", width_m=10.0, height_m=6.0, margin_m=0.0)
+    straight = make_building(config).cells
+    upright = make_building(config.model_copy(update={"tilt_rad": np.pi / 2})).cells
+    # Row 0 is at the bottom: counter-clockwise is np.rot90's other way round.
+    assert np.array_equal(upright, np.rot90(straight, -1))
+    tilted = make_building(config.model_copy(update={"tilt_rad": 0.3})).cells
+    assert (tilted == 0).sum() == pytest.approx((straight == 0).sum(), rel=0.01)
+
+
+def test_a_map_can_be_varied_by_name() -> None:
+    made = make_building(SHIPPED["office"].model_copy(update={"seed": 9, "width_m": 40.0}))
+    assert np.array_equal(load_map("office:seed=9,width_m=40").cells, made.cells)
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        ("office:storeys=2", "no key=value of .*width_m"),
+        ("office:seed", "no key=value"),
+        ("office:", "no key=value"),
+        ("office:width_m=1", "width_m: .*greater than or equal to 6"),
+        ("office:width_m=wide", "width_m: .*number"),
+        ("office:width_m=[", "width_m"),
+        ("villa:seed=2", "no map 'villa:seed=2'"),
+    ],
+)
+def test_a_variation_that_cannot_be_is_refused(name: str, says: str) -> None:
+    with pytest.raises(MapFileError, match=says):
+        load_map(name)
+
+
+@pytest.mark.parametrize("name", ["office", "corridor", "institute", "wings"])
+def test_too_little_ground_for_a_layout_is_refused(name: str) -> None:
+    with pytest.raises(BuildingError, match=r"6 × 6 m are too little for the layout"):
+        load_map(f"{name}:width_m=6,height_m=6,corridor_m=4")
 
 
 def test_office_is_an_office() -> None:
@@ -90,7 +166,7 @@ def test_hostile_configuration_is_refused() -> None:
 
 
 def test_an_unknown_map_is_refused_with_the_names_of_those_there_are() -> None:
-    with pytest.raises(MapFileError, match="loop, office, rooms-small"):
+    with pytest.raises(MapFileError, match="loop, office, rooms-small, rows"):
         find_map("ofice")
 
 
