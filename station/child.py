@@ -1,13 +1,13 @@
-"""A child process that never outlives the block that started it."""
+"""Child processes that never outlive the block that started them."""
 
 import os
 import signal
 import subprocess
 import time
-from collections.abc import Iterator, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import IO
 
 from station.memory_use import peak_rss_mb
 
@@ -16,24 +16,26 @@ INTERRUPT_S = 3.0  # to end after SIGINT, before SIGKILL
 TAIL_BYTES = 2000
 
 
-class Child:
-    """One process of ours, in a process group of its own: Ctrl-C reaches it through us alone."""
+class Child(ABC):
+    """One process of ours, in a session of its own: Ctrl-C reaches it through us alone."""
 
-    def __init__(self, name: str, command: Sequence[str], log_path: Path) -> None:
+    def __init__(self, name: str, log_path: Path) -> None:
         self.name = name
         self.log_path = log_path
         self.peak_rss_mb: float | None = None
-        with log_path.open("wb") as log:
-            self._process = _start(command, log)
 
     @property
-    def pid(self) -> int:
-        return self._process.pid
+    @abstractmethod
+    def pid(self) -> int: ...
 
     @property
+    @abstractmethod
     def exit_code(self) -> int | None:
         """None while it runs, as `subprocess` has it otherwise: −9 after SIGKILL."""
-        return self._process.poll()
+
+    @abstractmethod
+    def send(self, number: signal.Signals) -> None:
+        """Send a signal; nothing happens if it has just ended."""
 
     def sample_memory(self) -> None:
         """Remember the peak so far: after its death the system no longer says."""
@@ -45,14 +47,50 @@ class Child:
         data = self.log_path.read_bytes()[-TAIL_BYTES:]
         return data.decode("utf-8", "replace").strip()
 
-    def interrupt(self) -> None:
-        if self.exit_code is None:
-            self._process.send_signal(signal.SIGINT)
 
-    def kill(self) -> None:
-        if self.exit_code is None:
-            self._process.kill()
-        self._process.wait()
+class Spawned(Child):
+    """A program that is started anew."""
+
+    def __init__(
+        self,
+        name: str,
+        command: Sequence[str],
+        log_path: Path,
+        *,
+        descriptors: tuple[int, ...] = (),
+        environment: Mapping[str, str] | None = None,
+    ) -> None:
+        """`descriptors` stay open in it; `environment` is added to ours."""
+        super().__init__(name, log_path)
+        root = str(Path(__file__).resolve().parent.parent)
+        before = os.environ.get("PYTHONPATH")
+        path = root + (os.pathsep + before if before else "")
+        with log_path.open("wb") as log:
+            self._process = subprocess.Popen(
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+                pass_fds=descriptors,
+                env={
+                    **os.environ,
+                    **(environment or {}),
+                    "PYTHONUNBUFFERED": "1",
+                    "PYTHONPATH": path,
+                },
+            )
+
+    @property
+    def pid(self) -> int:
+        return self._process.pid
+
+    @property
+    def exit_code(self) -> int | None:
+        return self._process.poll()
+
+    def send(self, number: signal.Signals) -> None:
+        self._process.send_signal(number)
 
 
 @contextmanager
@@ -66,27 +104,18 @@ def children() -> Iterator[list[Child]]:
         yield family
         _await_exit(family, END_S)
     finally:
-        for child in family:
-            child.interrupt()
+        _send_all(family, signal.SIGINT)
         try:
             _await_exit(family, INTERRUPT_S)
         finally:
-            for child in family:
-                child.kill()
+            _send_all(family, signal.SIGKILL)
+            _await_exit(family, END_S)
 
 
-def _start(command: Sequence[str], log: IO[bytes]) -> subprocess.Popen[bytes]:
-    root = str(Path(__file__).resolve().parent.parent)
-    before = os.environ.get("PYTHONPATH")
-    path = root + (os.pathsep + before if before else "")
-    return subprocess.Popen(
-        command,
-        stdin=subprocess.DEVNULL,
-        stdout=log,
-        stderr=subprocess.STDOUT,
-        start_new_session=True,
-        env={**os.environ, "PYTHONUNBUFFERED": "1", "PYTHONPATH": path},
-    )
+def _send_all(family: Sequence[Child], number: signal.Signals) -> None:
+    for child in family:
+        if child.exit_code is None:
+            child.send(number)
 
 
 def _await_exit(family: Sequence[Child], seconds: float) -> None:

@@ -1,6 +1,5 @@
 """The world here with an embedded router, and each robot as a process of its own."""
 
-import sys
 import tempfile
 import time
 from collections.abc import Iterator, Mapping
@@ -14,6 +13,7 @@ from protocol.keys import key_path, make_keys
 from protocol.messages import Report
 from robot.journal_file import remove_journals
 from station.child import Child, children
+from station.forks import fork_server
 from station.free_port import free_port
 from station.hosts import LaunchError, Played, Relay, played
 from station.observer import Observer
@@ -44,6 +44,7 @@ def play_processes(
     with (
         _folder(folder) as kept,
         _throw_away_keys(names) as keys,
+        fork_server(kept) as forks,
         _free_router(keys, names) as (bus, endpoint),
         children() as family,
     ):
@@ -53,8 +54,8 @@ def play_processes(
             simulation, bus, sampled, interrupt, lambda: _check_start(simulation, family)
         )
         for name in names:
-            command = _robot_command(name, endpoint, key_path(keys, name), kept / JOURNALS)
-            family.append(Child(name, command, kept / f"{name}.log"))
+            arguments = _robot_arguments(name, endpoint, key_path(keys, name), kept / JOURNALS)
+            family.append(forks.start(name, arguments, kept / f"{name}.log"))
         try:
             world.run()
         finally:
@@ -62,9 +63,9 @@ def play_processes(
     return played(world, {child.name: child.peak_rss_mb for child in family})
 
 
-def _robot_command(name: str, endpoint: str, key: Path, journals: Path) -> list[str]:
-    command = [sys.executable, "-m", "station.main", "robot", name, "--connect", endpoint]
-    return [*command, "--keys", str(key), "--journal", str(journals)]
+def _robot_arguments(name: str, endpoint: str, key: Path, journals: Path) -> list[str]:
+    own = ["--keys", str(key), "--journal", str(journals)]
+    return ["robot", name, "--connect", endpoint, *own]
 
 
 def _check_start(simulation: Simulation, family: list[Child]) -> None:

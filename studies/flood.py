@@ -30,7 +30,7 @@ from protocol.topics import ACT, RADIO_OUT
 from robot.brain import Brain
 from robot.jobs import Jobs
 from robot.process import run_robot
-from station.child import Child, children
+from station.child import Spawned, children
 from station.free_port import free_port
 from station.hosts import Timed, Unwatched
 from station.warm_up import ensure_warm
@@ -135,7 +135,7 @@ def ticks_per_second(
                     words += ["--aside"] if aside else []
                 else:
                     words = ["station.main", "robot", *words]
-                family.append(Child(name, [sys.executable, "-m", *words], folder / f"{name}.log"))
+                family.append(Spawned(name, [sys.executable, "-m", *words], folder / f"{name}.log"))
             world.run()
         print((folder / "r1.log").read_text(), end="")
     for name, note in world.notes.items():
