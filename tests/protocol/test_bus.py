@@ -59,6 +59,7 @@ def test_messages_arrive_in_the_order_of_put_across_keys(ends: tuple[Bus, Bus]) 
     inbox.watch(ROBOT_ALIVE, "r1")
     robot.declare_alive(ROBOT_ALIVE, "r1")
     assert inbox.get(WAIT_S) == Presence(ROBOT_ALIVE, "r1", alive=True)
+    _await_subscriptions(world, robot)
     sent: list[RadioFrame | Action] = []
     for tick in range(200):
         frame = RadioFrame(kind="beacon", payload=bytes([tick % 256]) * 700)
@@ -68,6 +69,14 @@ def test_messages_arrive_in_the_order_of_put_across_keys(ends: tuple[Bus, Bus]) 
         sent += [frame, action]
     received = [inbox.get(WAIT_S) for _ in sent]
     assert [event.message for event in received if isinstance(event, Arrival)] == sent
+
+
+def _await_subscriptions(world: Bus, robot: Bus) -> None:
+    """A robot that sees the world's presence has seen all that the world asked for before it."""
+    seeing = robot.inbox()
+    world.declare_alive(WORLD_ALIVE)
+    seeing.watch(WORLD_ALIVE)
+    assert seeing.get(WAIT_S) == Presence(WORLD_ALIVE, "", alive=True)
 
 
 def test_a_question_is_answered_by_whom_it_is_served(ends: tuple[Bus, Bus]) -> None:
