@@ -146,7 +146,7 @@ def overlay(
     hits = 0.0
     traced = 0.0
     crossing = 0.0
-    step = 0.5 * resolution
+    step = resolution
     for k in range(count):
         x, y, w = returns[k, 0], returns[k, 1], returns[k, 4]
         px = pose[0] + c * x - s * y - origin[0]

@@ -14,7 +14,8 @@ from robot.perception import search_kernels
 from robot.perception.field import RESOLUTION_M, SIGMA_M, ByteArray, CorrelationField
 from robot.perception.returns import Returns
 
-SEARCH_RESOLUTION_M = 2.0 * RESOLUTION_M
+NODES_PER_CELL = 4
+SEARCH_RESOLUTION_M = NODES_PER_CELL * RESOLUTION_M
 MAX_LEVELS = 6
 MAX_NODES = 60_000
 # Peaks nearer than this to the best one are the best one.
@@ -49,17 +50,18 @@ class Peak:
 
 @dataclass(frozen=True, slots=True)
 class Pyramid:
-    """Block maxima of a field, to be searched as often as wanted."""
+    """A field with its block maxima, to be searched as often as wanted."""
 
+    field: CorrelationField
     levels: ByteArray
-    origin: FloatArray
 
     @staticmethod
     def of(field: CorrelationField, half_m: float) -> "Pyramid":
         """As many levels as a window of ± `half_m` makes use of."""
         cells = max(2.0 * half_m / SEARCH_RESOLUTION_M, 2.0)
         levels = min(MAX_LEVELS, max(2, math.ceil(math.log2(cells))))
-        return Pyramid(search_kernels.build_pyramid(field.nodes, levels), field.origin)
+        nodes = np.ascontiguousarray(field.nodes)
+        return Pyramid(field, search_kernels.build_pyramid(nodes, NODES_PER_CELL, levels))
 
 
 def search(pyramid: Pyramid, returns: Returns, window: Window, floor: float) -> Peak | None:
@@ -73,8 +75,8 @@ def search(pyramid: Pyramid, returns: Returns, window: Window, floor: float) -> 
     sigma2 = returns.values[:, 5] ** 2
     expected = float((SIGMA_M / np.sqrt(SIGMA_M**2 + 2.0 * sigma2)).sum())
     full = 255.0 * expected
-    angles = _angles(points, window)
-    cells = _rotated_cells(points, angles, window.centre, pyramid.origin)
+    angles = rotations(points, window)
+    cells = _rotated_cells(points, angles, window.centre, pyramid.field.origin)
     half = max(1, math.ceil(window.half_m / SEARCH_RESOLUTION_M))
     step = float(angles[1] - angles[0]) if len(angles) > 1 else 1.0
     best, second, nodes = search_kernels.branch_and_bound(
@@ -90,16 +92,38 @@ def search(pyramid: Pyramid, returns: Returns, window: Window, floor: float) -> 
     total, angle, row, column = best
     if angle < 0:
         return None
-    pose = Pose2(
-        window.centre.x + column * SEARCH_RESOLUTION_M,
-        window.centre.y + row * SEARCH_RESOLUTION_M,
-        wrap_angle(float(angles[angle])),
+    coarse = np.array(
+        [
+            window.centre.x + column * SEARCH_RESOLUTION_M,
+            window.centre.y + row * SEARCH_RESOLUTION_M,
+            angles[angle],
+        ]
     )
+    pose = _within_cell(pyramid.field, points, coarse, step)
     runner_up = max(floor, second[0] / full)
     return Peak(pose, total / full, runner_up, bool(nodes <= MAX_NODES))
 
 
-def _angles(points: FloatArray, window: Window) -> FloatArray:
+def _within_cell(
+    field: CorrelationField, points: FloatArray, coarse: FloatArray, step_rad: float
+) -> Pose2:
+    """The best pose between the nodes of the cell that a search ended in."""
+    pose = coarse.copy()
+    search_kernels.best_nearby(
+        field.nodes,
+        field.origin,
+        RESOLUTION_M,
+        np.ascontiguousarray(points),
+        coarse,
+        NODES_PER_CELL // 2 * RESOLUTION_M,
+        NODES_PER_CELL // 2,
+        0.5 * step_rad,
+        pose,
+    )
+    return Pose2(pose[0], pose[1], wrap_angle(pose[2]))
+
+
+def rotations(points: FloatArray, window: Window) -> FloatArray:
     """Rotations at which the far points move by one cell from one to the next."""
     reach = float(np.quantile(np.hypot(points[:, 0], points[:, 1]), 0.9))
     step = SEARCH_RESOLUTION_M / max(reach, SEARCH_RESOLUTION_M)
@@ -116,6 +140,7 @@ def _rotated_cells(
     x, y = points[:, 0][None, :], points[:, 1][None, :]
     columns = (centre.x + c * x - s * y - origin[0]) / RESOLUTION_M
     rows = (centre.y + s * x + c * y - origin[1]) / RESOLUTION_M
-    # Search cell k holds the nodes 2k and 2k + 1.
-    cells = np.floor_divide(np.floor(np.stack([rows, columns], axis=-1) + 0.5), 2.0)
+    # Search cell k holds the nodes n·k … n·k + n − 1.
+    nodes = np.floor(np.stack([rows, columns], axis=-1) + 0.5)
+    cells = np.floor_divide(nodes, NODES_PER_CELL)
     return np.ascontiguousarray(cells.astype(np.int64))

@@ -1,26 +1,31 @@
 """Compiled loops of exhaustive search: block maxima of a field, branch and bound over poses."""
 
 import heapq
+import math
 
 import numpy as np
 
 from protocol.kernel import inlined, kernel
+from robot.perception.field_kernels import look_up
 
 
 @kernel
-def build_pyramid(field, levels):
+def build_pyramid(field, ratio, levels):
     """Maxima over 2^level × 2^level nodes that start at each node: levels×rows×columns.
 
-    Level 0 is the field at half its resolution (maximum of 2 × 2 nodes), which is what is searched.
+    Level 0 holds maxima of ratio × ratio nodes of the field: the cells which are searched.
     """
-    rows = (field.shape[0] + 1) // 2
-    columns = (field.shape[1] + 1) // 2
+    rows = (field.shape[0] + ratio - 1) // ratio
+    columns = (field.shape[1] + ratio - 1) // ratio
     pyramid = np.zeros((levels, rows, columns), dtype=np.uint8)
     for row in range(field.shape[0]):
-        for column in range(field.shape[1]):
-            value = field[row, column]
-            if value > pyramid[0, row // 2, column // 2]:
-                pyramid[0, row // 2, column // 2] = value
+        cell_row = row // ratio
+        for cell_column in range(columns):
+            first = cell_column * ratio
+            value = pyramid[0, cell_row, cell_column]
+            for column in range(first, min(first + ratio, field.shape[1])):
+                value = max(value, field[row, column])
+            pyramid[0, cell_row, cell_column] = value
     for level in range(1, levels):
         half = 1 << (level - 1)
         for row in range(rows):
@@ -117,3 +122,29 @@ def branch_and_bound(
                 if total > floor:
                     heapq.heappush(heap, (-total, level - 1, angle, r, c))
     return best, second, nodes
+
+
+@kernel
+def best_nearby(field, origin, resolution, points, centre, reach, steps, turn, best):
+    """`best` takes the pose with the most of the field under the points (n×2), of those on a grid
+    of ± `steps` steps over ± `reach` (m) in x and y, at −1, 0 and 1 times `turn` (rad)."""
+    most = -1.0
+    for i in range(-1, 2):
+        theta = centre[2] + i * turn
+        c = math.cos(theta)
+        s = math.sin(theta)
+        for row in range(-steps, steps + 1):
+            y = centre[1] + row * reach / steps - origin[1]
+            for column in range(-steps, steps + 1):
+                x = centre[0] + column * reach / steps - origin[0]
+                total = 0.0
+                for k in range(points.shape[0]):
+                    u = (x + c * points[k, 0] - s * points[k, 1]) / resolution
+                    v = (y + s * points[k, 0] + c * points[k, 1]) / resolution
+                    value, _, _ = look_up(field, u, v)
+                    total += value
+                if total > most:
+                    most = total
+                    best[0] = x + origin[0]
+                    best[1] = y + origin[1]
+                    best[2] = theta

@@ -24,9 +24,9 @@ SEARCH_POINTS = 90
 SEARCH_FLOOR = 0.3
 # Below this share of returns on walls where the place is known, a match is in doubt: a low score
 # alone may also mean that the robot looks into rooms it has not seen.
-LOST_HITS = 0.88
+LOST_HITS = 0.92
 # A retry must explain the scan clearly better than the odometry's own answer does.
-RETRY_GAIN = 0.05
+RETRY_GAIN = 0.03
 # Where the odometry leaves more open than this (σ at the median return), the window is searched.
 VAGUE_M = 0.06
 # Keeps a match that starts from a search from sliding along what does not hold it.
@@ -108,7 +108,8 @@ class FrontEnd:
             return match
         if self._is_vague(returns):
             half_m, half_rad = self._prior_window()
-            match = self._search(returns, match, Window(self.pose, half_m, half_rad), 0.02)
+            window = Window(self.pose, half_m, half_rad)
+            match = self._search(returns, match, window, 0.02, (self.pose, information))
         if match.score >= self._config.lost_score or self._hits(match, returns) >= LOST_HITS:
             return match
         return self._retry(returns, match, information)
@@ -134,11 +135,21 @@ class FrontEnd:
         if self._hits(best, returns) >= LOST_HITS:
             return best
         window = Window(self._last_scan_pose, self._config.search_m, self._config.search_rad)
-        third = self._search(returns, best, window, 0.0)
+        third = self._search(returns, best, window, 0.0, None)
         return self._better(best, third, returns)
 
-    def _search(self, returns: Returns, first: Match, window: Window, gain: float) -> Match:
-        """The best match in a window if its score is higher than the first one's by `gain`."""
+    def _search(
+        self,
+        returns: Returns,
+        first: Match,
+        window: Window,
+        gain: float,
+        prior: tuple[Pose2, FloatArray] | None,
+    ) -> Match:
+        """The best match in a window if its score is higher than the first one's by `gain`.
+
+        It is held by the prior (pose and information), or else weakly by what the search found.
+        """
         few = returns.thinned(SEARCH_POINTS)
         reach = window.half_m + float(np.hypot(few.points[:, 0], few.points[:, 1]).max())
         around = np.array([[window.centre.x, window.centre.y]])
@@ -147,7 +158,8 @@ class FrontEnd:
         peak = search(pyramid, few, window, floor)
         if peak is None:
             return first
-        match = match_returns(self.current.field, returns, peak.pose, WEAK)
+        expected, information = prior or (peak.pose, WEAK)
+        match = match_returns(self.current.field, returns, expected, information, peak.pose)
         return match if match.score > first.score + gain else first
 
     def _hits(self, match: Match, returns: Returns) -> float:
