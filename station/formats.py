@@ -8,7 +8,6 @@ Lines that start with # are comments in both.
 """
 
 import math
-from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,11 +17,15 @@ import numpy.typing as npt
 
 from maps.pixels import write_whole
 from protocol.errors import EarshotError
-from protocol.pose import IDENTITY, FloatArray, Pose2, wrap_angles
+from protocol.pose import FloatArray, wrap_angles
+from robot.slam import kernels
+from robot.slam.normal_equations import floats, integers
 
 TUM_FIELDS = "stamp tx ty tz qx qy qz qw"
 VERTEX_FIELDS = "VERTEX_SE2 id x y theta"
 EDGE_FIELDS = "EDGE_SE2 i j dx dy dtheta I11 I12 I13 I22 I23 I33"
+# An EDGE2 of TORO (Grisetti et al., 2007) ends in I11 I12 I22 I33 I13 I23.
+TORO_ORDER = (0, 1, 2, 3, 4, 7, 5, 8, 6)
 # A quaternion as text is rounded; one that is farther off was not meant as a unit quaternion.
 QUATERNION_TOLERANCE = 1e-3
 
@@ -105,6 +108,8 @@ def write_g2o(graph: PoseGraph, path: Path) -> None:
 def read_g2o(path: Path) -> PoseGraph:
     """Read a planar pose graph. Node ids may be any integers; rows keep their order in the file.
 
+    The older VERTEX2 and EDGE2 lines of TORO are read too; its EQUIV lines say nothing more.
+
     A file may have edges alone: then its nodes, in the order of their ids, stand where the edges
     put them, each by the first edge that ties it to one that stands (`chained`).
 
@@ -118,7 +123,7 @@ def read_g2o(path: Path) -> PoseGraph:
     values: list[list[float]] = []
     for number, words in _lines(path):
         match words[0]:
-            case "VERTEX_SE2":
+            case "VERTEX_SE2" | "VERTEX2":
                 if len(words) != 5:
                     raise _malformed(path, number, f"{len(words)} fields", VERTEX_FIELDS)
                 index = _integer(path, number, words[1], VERTEX_FIELDS)
@@ -126,13 +131,14 @@ def read_g2o(path: Path) -> PoseGraph:
                     raise _malformed(path, number, f"node {index} for the second time", "once")
                 row_of[index] = len(nodes)
                 nodes.append(_numbers(path, number, words[2:], VERTEX_FIELDS))
-            case "EDGE_SE2":
+            case "EDGE_SE2" | "EDGE2":
                 if len(words) != 12:
                     raise _malformed(path, number, f"{len(words)} fields", EDGE_FIELDS)
                 ends = [_integer(path, number, word, EDGE_FIELDS) for word in words[1:3]]
                 edges.append((number, ends[0], ends[1]))
-                values.append(_numbers(path, number, words[3:], EDGE_FIELDS))
-            case "FIX":
+                row = _numbers(path, number, words[3:], EDGE_FIELDS)
+                values.append(row if words[0] == "EDGE_SE2" else [row[at] for at in TORO_ORDER])
+            case "FIX" | "EQUIV":
                 continue
             case kind:
                 raise _malformed(path, number, repr(kind[:40]), "VERTEX_SE2, EDGE_SE2 or FIX")
@@ -176,26 +182,10 @@ def chained(
     Odometry first: a node follows from the one before it where an edge says so. What does not stand
     then follows by any edge from a node that does. NaN where no chain leads.
     """
-    nodes = np.full((count, 3), np.nan)
-    ways: list[list[tuple[int, Pose2, bool]]] = [[] for _ in range(count)]
-    for (i, j), values in zip(edge_nodes.tolist(), measured.tolist(), strict=True):
-        ways[i].append((j, Pose2.from_array(values), True))
-        ways[j].append((i, Pose2.from_array(values), False))
-    pending: deque[tuple[int, Pose2]] = deque()
+    nodes = np.empty((count, 3))
     if count:
-        pending.append((0, IDENTITY if first is None else Pose2.from_array(first)))
-    stands = [False] * count
-    while pending:
-        node, pose = pending.popleft()
-        if stands[node]:
-            continue
-        stands[node] = True
-        nodes[node] = pose.x, pose.y, pose.theta
-        for other, motion, forwards in reversed(ways[node]):
-            if other == node + 1:
-                pending.appendleft((other, pose @ (motion if forwards else motion.inverse())))
-            elif not stands[other]:
-                pending.append((other, pose @ (motion if forwards else motion.inverse())))
+        origin = np.zeros(3) if first is None else np.array(first, dtype=np.float64)
+        kernels.chain(integers(edge_nodes).reshape(-1, 2), floats(measured), origin, nodes)
     return nodes
 
 

@@ -93,8 +93,10 @@ def _compiled() -> int:
 
 
 def _call_kernels() -> None:
-    """A team in small rooms, and one robot on a ring with loops to close and a given start."""
+    """A team in small rooms, one robot on a ring with loops to close and a given start, and a
+    graph by itself."""
     from protocol.interrupt import Interrupt
+    from station.graph_solution import load_kernels
     from station.host_inline import play_inline
     from station.hosts import Unwatched
     from world.scenario import RobotSpec, Scenario
@@ -106,3 +108,4 @@ def _call_kernels() -> None:
     alone = RobotSpec(name="r1", start=start)
     ring = Simulation(Scenario(map="loop", robots=(alone,), max_sim_s=120.0))
     play_inline(ring, Unwatched(), Interrupt())
+    load_kernels()

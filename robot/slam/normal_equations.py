@@ -1,21 +1,19 @@
 """The normal equations of a pose graph, in a sparse pattern that is built once.
 
-The upper triangle of H = Σ JᵀΩJ in compressed columns, written by a kernel at each linearisation
-and factorised as LDLᵀ by qdldl.
+H = Σ JᵀΩJ in 3×3 blocks, one for every pose and every pair of poses that an edge ties, written by
+a kernel at each linearisation.
 """
 
 import numpy as np
 import numpy.typing as npt
-import qdldl
-from scipy.sparse import csc_matrix
 
 from protocol.errors import EarshotError
 from protocol.pose import FloatArray
 from robot.slam import kernels
+from robot.slam.block_cholesky import BlockCholesky
 
 IntArray = npt.NDArray[np.int64]
-
-DIAGONAL_FLOOR = 1e-9
+BoolArray = npt.NDArray[np.bool_]
 
 
 class PoseGraphError(EarshotError):
@@ -23,7 +21,14 @@ class PoseGraphError(EarshotError):
 
 
 class NormalEquations:
-    """A graph with the pattern of its normal equations, linearised as often as wanted."""
+    """A graph with the pattern of its normal equations, linearised as often as wanted.
+
+    `nodes` m×3, `edge_nodes` k×2, `measurements` k×3 (`T_i_j`), `information` k×3×3, `fixed` m,
+    `robust` k: which edges count by Cauchy's kernel. `weights` (k, all 1 at first) may be changed
+    between linearisations: each edge counts so many times, not at all with 0.
+
+    Raises PoseGraphError when arrays do not fit, or a component has no fixed node.
+    """
 
     def __init__(
         self,
@@ -31,88 +36,127 @@ class NormalEquations:
         edge_nodes: npt.NDArray[np.integer],
         measurements: FloatArray,
         information: FloatArray,
-        fixed: npt.NDArray[np.bool_],
-        robust: npt.NDArray[np.bool_] | None,
+        fixed: BoolArray,
+        robust: BoolArray | None,
         cauchy_squared: float,
     ) -> None:
         self.nodes = floats(nodes)
         self.edge_nodes = integers(edge_nodes)
-        self._measurements = floats(measurements)
-        self._information = floats(information)
+        self.measurements = floats(measurements)
+        self.information = floats(information)
         k = len(self.edge_nodes)
-        self._robust = integers(np.zeros(k) if robust is None else robust)
+        self.weights = np.ones(k)
+        self._robust = np.array(np.zeros(k) if robust is None else robust, dtype=np.bool_)
         self._cauchy2 = cauchy_squared
         self._check(fixed)
-        free = ~np.asarray(fixed, dtype=bool)
-        self.blocks: IntArray = np.where(free, np.cumsum(free) - 1, -1)
-        self.size = 3 * int(free.sum())
-        self._solver: qdldl.Solver | None = None
-        self._build_pattern(int(free.sum()))
+        self.free = ~np.asarray(fixed, dtype=bool)
+        count = int(self.free.sum())
+        self.size = 3 * count
+        places = np.where(self.free, np.cumsum(self.free) - 1, -1)
+        ends = places[self.edge_nodes.reshape(-1, 2)]
+        inner = (ends >= 0).all(axis=1)
+        self._factor = BlockCholesky(count, ends[inner])
+        self.blocks: IntArray = np.full(len(self.nodes), -1, dtype=np.int64)
+        self.blocks[self.free] = self._factor.order
+        self._slots: IntArray = np.zeros(k, dtype=np.int64)
+        self._slots[inner] = self._factor.slots
+        self._diagonal = np.zeros((count, 9))
+        self._lower = np.zeros((self._factor.lower_count, 9))
+        self.gradient = np.zeros((count, 3))
+        """−g (count×3), in the order of `blocks`."""
 
     def chi2(self, nodes: FloatArray) -> float:
-        """Σ eᵀΩe"""
-        out = np.empty(len(self.edge_nodes))
-        kernels.squared_errors(nodes, self.edge_nodes, self._measurements, self._information, out)
-        return float(out.sum())
+        """Σ eᵀΩe, by weight."""
+        return float(self.weights @ self.squared_errors(nodes))
 
-    def cost(self, nodes: FloatArray) -> float:
-        """Σ eᵀΩe, robust edges by their kernel."""
+    def squared_errors(self, nodes: FloatArray) -> FloatArray:
+        """eᵀΩe (k)."""
+        out = np.empty(len(self.edge_nodes))
+        kernels.squared_errors(nodes, self.edge_nodes, self.measurements, self.information, out)
+        return out
+
+    def linearise(self, nodes: FloatArray) -> float:
+        """Take the normal equations at these nodes. The cost there: Σ eᵀΩe by weight, robust edges
+        by their kernel."""
         return float(
-            kernels.robust_cost(
+            kernels.linearise(
                 nodes,
                 self.edge_nodes,
-                self._measurements,
-                self._information,
+                self.measurements,
+                self.information,
+                self.weights,
                 self._robust,
                 self._cauchy2,
+                self.blocks,
+                self._slots,
+                self._diagonal,
+                self._lower,
+                self.gradient,
             )
         )
 
-    def linearise(self, nodes: FloatArray) -> None:
-        """Take the normal equations at these nodes."""
-        kernels.linearise(
-            nodes,
-            self.edge_nodes,
-            self._measurements,
-            self._information,
-            self._robust,
-            self._cauchy2,
-            self.blocks,
-            self._slots,
-            self._bases,
-            self._widths,
-            self._values,
-            self._gradient,
-        )
+    def linearise_headings(self, nodes: FloatArray) -> None:
+        """Those of the headings as complex numbers of any length (see `chordal`)."""
+        kernels.linearise_headings(nodes, *self._arrays())
 
-    def solve(self, damping: float) -> FloatArray:
-        """The step (all free nodes, in their own frames) at the last linearisation."""
-        solver = self._factorise(damping)
-        return np.asarray(solver.solve(self._gradient), dtype=np.float64)
+    def linearise_positions(self, nodes: FloatArray) -> None:
+        """Those of the positions under the headings of `nodes`."""
+        kernels.linearise_positions(nodes, *self._arrays())
 
-    def inverse_block(self, block: int) -> FloatArray:
-        """The diagonal block (3×3) of H⁻¹ that belongs to a block column."""
-        solver = self._factorise(0.0)
-        columns = np.empty((3, 3))
-        for c in range(3):
-            unit = np.zeros(self.size)
-            unit[3 * block + c] = 1.0
-            columns[:, c] = solver.solve(unit)[3 * block : 3 * block + 3]
-        return 0.5 * (columns + columns.T)
+    def solve(self, damping: float = 0.0) -> FloatArray | None:
+        """What solves the equations as they stand (count×3, in the order of `blocks`); None where
+        the damped matrix is not positive definite."""
+        if not self._factor.factorise(self._diagonal, self._lower, damping):
+            return None
+        return self._factor.solve(self.gradient)
+
+    def factorise(self) -> None:
+        """Make `covariance` ready at the last linearisation. Raises PoseGraphError on a matrix that
+        is not positive definite."""
+        if not self._factor.factorise(self._diagonal, self._lower):
+            raise PoseGraphError("the information of the edges does not hold all nodes")
+
+    def covariance(self, node: int) -> FloatArray:
+        """Marginal covariance (3×3, tangent space at the node), once factorised."""
+        block = int(self.blocks[node])
+        if block < 0:
+            return np.zeros((3, 3))
+        return self._factor.spread(block, np.eye(3), -1, np.zeros((3, 3)))
+
+    def innovation(
+        self, nodes: FloatArray, of: int, to: int, measurement: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """e (3) of a measured `T_of_to`, and the covariance (3×3) that the graph gives it, without
+        the measurement's own; once factorised."""
+        e, A, B = np.empty(3), np.empty((3, 3)), np.empty((3, 3))
+        kernels.edge_jacobians(nodes, of, to, measurement, e, A, B)
+        return e, self._factor.spread(int(self.blocks[of]), A, int(self.blocks[to]), B)
 
     def retract(self, nodes: FloatArray, step: FloatArray) -> FloatArray:
-        """The nodes moved by a step."""
+        """The nodes moved by a step (count×3)."""
         out = np.empty_like(nodes)
         kernels.retract(nodes, self.blocks, step, out)
         return out
 
-    def _check(self, fixed: npt.NDArray[np.bool_]) -> None:
+    def _arrays(self) -> tuple[npt.NDArray[np.generic], ...]:
+        return (
+            self.edge_nodes,
+            self.measurements,
+            self.information,
+            self.blocks,
+            self._slots,
+            self._diagonal,
+            self._lower,
+            self.gradient,
+        )
+
+    def _check(self, fixed: BoolArray) -> None:
         m, k = len(self.nodes), len(self.edge_nodes)
         shapes = (
             self.nodes.shape == (m, 3)
             and self.edge_nodes.shape == (k, 2)
-            and self._measurements.shape == (k, 3)
-            and self._information.shape == (k, 3, 3)
+            and self.measurements.shape == (k, 3)
+            and self.information.shape == (k, 3, 3)
             and np.shape(fixed) == (m,)
             and self._robust.shape == (k,)
         )
@@ -126,58 +170,13 @@ class NormalEquations:
         if k and (self.edge_nodes[:, 0] == self.edge_nodes[:, 1]).any():
             raise PoseGraphError("an edge ties a node to itself")
         labels = kernels.label_components(m, self.edge_nodes)
-        loose = ~np.isin(labels, labels[np.asarray(fixed, dtype=bool)])
-        if loose.any():
-            node = int(np.flatnonzero(loose)[0])
-            raise PoseGraphError(f"node {node} is tied to no fixed node; fix one of its component")
-
-    def _build_pattern(self, count: int) -> None:
-        a = self.blocks[self.edge_nodes[:, 0]]
-        b = self.blocks[self.edge_nodes[:, 1]]
-        inner = (a >= 0) & (b >= 0)
-        low, high = np.minimum(a, b), np.maximum(a, b)
-        keys, where = np.unique(high[inner] * max(count, 1) + low[inner], return_inverse=True)
-        pair_high, pair_low = keys // max(count, 1), keys % max(count, 1)
-        self._widths: IntArray = np.bincount(pair_high, minlength=count).astype(np.int64)
-        first = np.concatenate([[0], np.cumsum(self._widths)[:-1]]).astype(np.int64)
-        self._slots: IntArray = np.zeros(len(a), dtype=np.int64)
-        self._slots[inner] = where - first[high[inner]]
-        sizes = 9 * self._widths + 6
-        self._bases: IntArray = np.concatenate([[0], np.cumsum(sizes)[:-1]]).astype(np.int64)
-        self._bases = self._bases[:count]
-        self._indices, self._pointers = self._index_arrays(pair_low, first, count)
-        self._values = np.zeros(len(self._indices))
-        self._damped = np.zeros(len(self._indices))
-        self._gradient = np.zeros(3 * count)
-
-    def _index_arrays(
-        self, pair_low: IntArray, first: IntArray, count: int
-    ) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int32]]:
-        """Row indices and column pointers of the upper triangle, rows in ascending order."""
-        rows: list[IntArray] = []
-        pointers = [0]
-        three = np.arange(3)
-        for b in range(count):
-            above = pair_low[first[b] : first[b] + self._widths[b]]
-            above_rows = (3 * above[:, None] + three).ravel()
-            for c in range(3):
-                rows.append(above_rows)
-                rows.append(3 * b + three[: c + 1])
-                pointers.append(pointers[-1] + len(above_rows) + c + 1)
-        indices = np.concatenate(rows) if rows else np.zeros(0)
-        return indices.astype(np.int32), np.array(pointers, dtype=np.int32)
-
-    def _factorise(self, damping: float) -> qdldl.Solver:
-        """LDLᵀ of the damped matrix; the pattern is analysed the first time only."""
-        kernels.damp(self._values, self._bases, self._widths, damping, DIAGONAL_FLOOR, self._damped)
-        matrix = csc_matrix(
-            (self._damped, self._indices, self._pointers), shape=(self.size, self.size)
-        )
-        if self._solver is None:
-            self._solver = qdldl.Solver(matrix, upper=True)
-        else:
-            self._solver.update(matrix, upper=True)
-        return self._solver
+        held = np.zeros(m, dtype=bool)
+        held[labels[np.asarray(fixed, dtype=bool)]] = True
+        loose = np.flatnonzero(~held[labels])
+        if len(loose):
+            raise PoseGraphError(
+                f"node {loose[0]} is tied to no fixed node; fix one of its component"
+            )
 
 
 def floats(array: npt.ArrayLike) -> FloatArray:

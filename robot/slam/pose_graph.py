@@ -3,7 +3,7 @@
 Nodes are poses, edges are measured relative poses with information matrices. The sum of eᵀΩe with
 e = measurement⁻¹ ∘ node_i⁻¹ ∘ node_j (as x, y, θ: g2o's and GTSAM's form) is minimised by
 Gauss-Newton, damped after Levenberg and Marquardt only where a step does not help. The sparse
-pattern is built once, factors are LDLᵀ (qdldl). See Grisetti, Kümmerle, Stachniss, Burgard, "A
+pattern is built once. See Grisetti, Kümmerle, Stachniss, Burgard, "A
 tutorial on graph-based SLAM", 2010.
 """
 
@@ -26,7 +26,14 @@ MAX_DAMPING = 1e8
 # c² of the Cauchy kernel: an edge this far off (eᵀΩe) counts half.
 CAUCHY_SQUARED = 9.0
 
-__all__ = ["PoseGraphError", "Solution", "marginal_covariance", "optimise", "squared_errors"]
+__all__ = [
+    "PoseGraphError",
+    "Solution",
+    "marginal_covariance",
+    "minimise",
+    "optimise",
+    "squared_errors",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,19 +66,26 @@ def optimise(
     problem = NormalEquations(
         nodes, edge_nodes, measurements, information, fixed, robust, cauchy_squared
     )
+    return minimise(problem, problem.nodes, max_iterations)
+
+
+def minimise(
+    problem: NormalEquations, nodes: FloatArray, max_iterations: int = MAX_ITERATIONS
+) -> Solution:
+    """Minimise a problem whose pattern stands, from `nodes` (m×3)."""
     if problem.size == 0 or len(problem.edge_nodes) == 0:
-        chi2 = problem.chi2(problem.nodes)
-        return Solution(problem.nodes, chi2, problem.cost(problem.nodes), 0, True)
-    current, cost = problem.nodes, problem.cost(problem.nodes)
+        chi2 = problem.chi2(nodes)
+        return Solution(nodes, chi2, chi2, 0, True)
+    current, cost = nodes, problem.linearise(nodes)
     damping, iterations, converged = 0.0, 0, False
-    problem.linearise(current)
     while iterations < max_iterations and damping < MAX_DAMPING:
         iterations += 1
         step = problem.solve(damping)
-        candidate = problem.retract(current, step)
-        new_cost = problem.cost(candidate)
-        if not new_cost <= cost * (1.0 + 1e-12):
+        candidate = current if step is None else problem.retract(current, step)
+        new_cost = np.inf if step is None else problem.linearise(candidate)
+        if step is None or not new_cost <= cost * (1.0 + 1e-12):
             damping = max(FIRST_DAMPING, damping * 10.0)
+            problem.linearise(current)
             continue
         small_gain = cost - new_cost <= COST_TOLERANCE * cost
         converged = small_gain or float(np.abs(step).max()) < STEP_TOLERANCE
@@ -79,7 +93,6 @@ def optimise(
         if converged and damping <= FIRST_DAMPING:
             break
         damping = 0.0 if damping <= FIRST_DAMPING else damping * 0.1
-        problem.linearise(current)
     return Solution(current, problem.chi2(current), cost, iterations, converged)
 
 
@@ -96,11 +109,9 @@ def marginal_covariance(
     problem = NormalEquations(
         nodes, edge_nodes, measurements, information, fixed, robust, CAUCHY_SQUARED
     )
-    block = int(problem.blocks[node])
-    if block < 0:
-        return np.zeros((3, 3))
     problem.linearise(problem.nodes)
-    return problem.inverse_block(block)
+    problem.factorise()
+    return problem.covariance(node)
 
 
 def squared_errors(

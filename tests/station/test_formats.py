@@ -159,3 +159,12 @@ def test_a_failed_write_leaves_the_old_file_and_no_other(tmp_path: Path) -> None
     assert (tmp_path / "x").read_text() == "old"
     assert [file.name for file in tmp_path.iterdir()] == ["x"]
     assert (tmp_path / "x").stat().st_mode & 0o777 == 0o644
+
+
+def test_a_graph_of_toro_is_read_too(tmp_path: Path) -> None:
+    path = tmp_path / "old.graph"
+    path.write_text(
+        "VERTEX2 0 0 0 0\nVERTEX2 1 1 0 0\nEDGE2 0 1 1 2 0.5 11 12 22 33 13 23\nEQUIV 0 1\n"
+    )
+    graph = read_g2o(path)
+    assert graph.edge_values.tolist() == [[1.0, 2.0, 0.5, 11.0, 12.0, 13.0, 22.0, 23.0, 33.0]]

@@ -7,8 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from protocol.pose import FloatArray, compose, invert
-from robot.slam.chordal import chordal_start
+from robot.slam import chordal
 from robot.slam.graduated import optimise_graduated
+from robot.slam.normal_equations import NormalEquations
 from robot.slam.pose_graph import PoseGraphError, optimise
 
 
@@ -30,6 +31,18 @@ def ring(
     measured = measured + noise * rng.standard_normal(measured.shape)
     information = np.tile(np.eye(3) / max(noise, 1e-2) ** 2, (len(edges), 1, 1))
     return nodes, edges, measured, information
+
+
+def chordal_start(
+    nodes: FloatArray,
+    edges: npt.NDArray[np.int64],
+    measured: FloatArray,
+    information: FloatArray,
+    fixed: npt.NDArray[np.bool_],
+) -> FloatArray:
+    return chordal.chordal_start(
+        NormalEquations(nodes, edges, measured, information, fixed, None, 1.0)
+    )
 
 
 def first_fixed(count: int) -> npt.NDArray[np.bool_]:

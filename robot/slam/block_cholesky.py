@@ -1,0 +1,115 @@
+"""Sparse Cholesky factorisation of a symmetric matrix of 3×3 blocks, its pattern analysed once.
+
+A pose graph couples whole poses, so the pattern is that of blocks: ordering and analysis see a
+ninth of the entries, and the loops multiply small dense blocks. The ordering is the approximate
+minimum degree one (Amestoy, Davis, Duff 1996) that qdldl finds for the graph of the blocks.
+"""
+
+import numpy as np
+import numpy.typing as npt
+import qdldl
+from scipy.sparse import csc_matrix
+
+from protocol.pose import FloatArray
+from robot.slam import cholesky_kernels
+
+IntArray = npt.NDArray[np.int64]
+
+# Keeps a direction that nothing measures from ending the factorisation.
+DIAGONAL_FLOOR = 1e-9
+
+
+class BlockCholesky:
+    """The pattern of a matrix A of n×n blocks, and its factor L Lᵀ as often as values change.
+
+    `order` (n): where each block of the caller's numbering stands in A. `slots` (k): which lower
+    block of A each of the caller's pairs (k×2) is.
+    """
+
+    def __init__(self, count: int, pairs: IntArray) -> None:
+        self.count = count
+        self.order = _minimum_degree(count, pairs)
+        ends = np.sort(self.order[pairs], axis=1)
+        keys, slots = np.unique(ends[:, 1] * count + ends[:, 0], return_inverse=True)
+        self.slots: IntArray = slots.astype(np.int64)
+        self._starts: IntArray = np.searchsorted(keys, np.arange(count + 1) * count)
+        self._columns: IntArray = keys % max(count, 1)
+        self.lower_count = len(keys)
+        (
+            self._column_starts,
+            self._column_rows,
+            self._row_starts,
+            self._row_columns,
+            self._row_places,
+        ) = cholesky_kernels.analyse(count, self._starts, self._columns)
+        self._blocks = np.empty((len(self._column_rows), 9))
+        self._inverses = np.empty((count, 9))
+        self._work = np.zeros((count, 9))
+
+    def factorise(self, diagonal: FloatArray, lower: FloatArray, damping: float = 0.0) -> bool:
+        """L Lᵀ of the blocks (n×9 and lower_count×9) with the diagonal raised by `damping` times
+        itself; False where that is not positive definite."""
+        return bool(
+            cholesky_kernels.factorise(
+                diagonal,
+                lower,
+                self._starts,
+                self._columns,
+                damping,
+                DIAGONAL_FLOOR,
+                self._column_starts,
+                self._column_rows,
+                self._row_starts,
+                self._row_columns,
+                self._row_places,
+                self._blocks,
+                self._inverses,
+                self._work,
+            )
+        )
+
+    def solve(self, right: FloatArray) -> FloatArray:
+        """A⁻¹ right (n×3)."""
+        x = right.copy()
+        cholesky_kernels.solve(
+            self._column_starts, self._column_rows, self._blocks, self._inverses, x
+        )
+        return x
+
+    def spread(self, first: int, J: FloatArray, second: int, K: FloatArray) -> FloatArray:
+        """[J K] A⁻¹ [J K]ᵀ (3×3) for 3×3 matrices at two blocks of A, −1 for none.
+
+        With A the information of a graph: the covariance of what J and K make of two poses.
+        """
+        out = np.empty((3, 3))
+        cholesky_kernels.spread(
+            self._column_starts,
+            self._column_rows,
+            self._blocks,
+            self._inverses,
+            first,
+            J.ravel(),
+            second,
+            K.ravel(),
+            self._work,
+            out,
+        )
+        return out
+
+
+def _minimum_degree(count: int, pairs: IntArray) -> IntArray:
+    """Where each block should stand so that little fills in."""
+    if count == 0:
+        return np.empty(0, dtype=np.int64)
+    keys = np.unique(pairs.max(axis=1, initial=0) * count + pairs.min(axis=1, initial=count))
+    rows, columns = keys % count, keys // count
+    degree = np.bincount(rows, minlength=count) + np.bincount(columns, minlength=count) + 1.0
+    entries = (
+        np.concatenate([np.full(len(rows), -1.0), degree]),
+        (np.concatenate([rows, np.arange(count)]), np.concatenate([columns, np.arange(count)])),
+    )
+    laplacian = csc_matrix(entries, shape=(count, count))
+    _, _, chosen = qdldl.Solver(laplacian, upper=True).factors()
+    order = np.empty(count, dtype=np.int64)
+    order[np.asarray(chosen)] = np.arange(count)
+    return order
