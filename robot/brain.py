@@ -20,13 +20,12 @@ from protocol.messages import (
     TeammateView,
     TrajectoryReply,
 )
-from protocol.pose import IDENTITY, Pose2
+from protocol.pose import IDENTITY, FloatArray, Pose2
 from protocol.state import adopt_state, dump_state
 from robot.explore.explorer import Decision, Explorer
 from robot.explore.policy import Teammate
 from robot.jobs import Jobs
 from robot.mapping.keyframe_map import KeyframeMap, draw_exactly
-from robot.mapping.occupancy import OccupancyMap
 from robot.perception.odometry import Motion, WheelOdometry
 from robot.perception.scan import LaserScan, perceive
 from robot.slam.config import GraphSlamConfig
@@ -128,7 +127,7 @@ class Brain:
 
     def _decide(self, sense: Sense, motion: Motion, scan: LaserScan | None) -> Decision:
         pose = self._pose_in_team()
-        snapshot = _MapSnapshot(self._joint_map.map, pose, scan)
+        snapshot = _MapSnapshot(self._joint_map, pose, scan)
         self._decision = self._explorer.step(
             sense.tick, pose, motion, scan, snapshot, self._teammates(sense.tick, pose)
         )
@@ -280,15 +279,18 @@ class Brain:
 class _MapSnapshot:
     """The joint map with the present scan on it, made only when a planner asks for it."""
 
-    def __init__(self, drawn: OccupancyMap, pose: Pose2, scan: LaserScan | None) -> None:
+    def __init__(self, drawn: KeyframeMap, pose: Pose2, scan: LaserScan | None) -> None:
         self._drawn, self._pose, self._scan = drawn, pose, scan
 
     def snapshot(self) -> OccupancyGrid:
         if self._scan is None:
-            return self._drawn.grid()
-        return self._drawn.live(
+            return self._drawn.map.grid()
+        return self._drawn.map.live(
             self._pose, self._scan.ranges, self._scan.angles, self._scan.max_range_m
         )
+
+    def lookouts(self) -> FloatArray:
+        return self._drawn.lookouts()
 
 
 def _patch(grid: OccupancyGrid) -> GridPatch:

@@ -117,7 +117,7 @@ class Explorer:
         view = View(
             self._config.name, tick, grids.snapshot(), pose, self._config.body, teammates,
             np.array(refused, dtype=np.float64).reshape(-1, 2), self._goal,
-            self._footprints.visits(), self._config.tick_s,
+            grids.lookouts(), self._footprints.visits(), self._config.tick_s,
         )  # fmt: skip
         self._jobs.start("plan", tick, PLAN_DELAY_TICKS, self._policy.plan, view)
         self._planned_from = pose

@@ -174,8 +174,19 @@ class Follower:
             SLOW_MARGIN_M, FAST_MARGIN_M, ROLLOUT_S, WANTED_CLEARANCE_M,
         )  # fmt: skip
         if not safe:
-            return STOP
+            return self._brake(speed, dt)
         return DriveCommand(forward_mps=forward, turn_rps=turn)
+
+    def _brake(self, speed: tuple[float, float], dt: float) -> DriveCommand:
+        """Stop along the present arc, which was safe to stop on when it was chosen: a turn that
+        ended before the drive does would leave it."""
+        forward, turn = speed
+        left = max(0.0, abs(forward) - self._body.max_acceleration_mps2 * dt)
+        if left == 0.0:
+            return STOP
+        return DriveCommand(
+            forward_mps=math.copysign(left, forward), turn_rps=turn * left / abs(forward)
+        )
 
 
 def _segment_gaps(end: FloatArray, points: FloatArray) -> FloatArray:

@@ -12,33 +12,37 @@ ROLLOUT_STEPS = 8
 
 
 @kernel
-def steady_points(ranges, angles, near_m, spread_m):
+def steady_points(ranges, angles, near_m, spread_m, same_m):
     """Where beams (n) met something within `near_m`: m×2, robot frame, noise reduced.
 
     Close by, neighbouring beams meet the same surface: each range is the median of those beams
-    that lie within `spread_m` to either side of it. The nearest of many noisy ranges would else
-    make a narrow door look narrower than it is. Points closer than `THIN_M` to the one before
-    are left out.
+    that lie within `spread_m` to either side of it and differ from it by at most `same_m`: what
+    is seen past an edge says nothing of where the edge is. The nearest of many noisy ranges would
+    make a narrow door look narrower than it is. Of points within `THIN_M` of each other the
+    nearest is kept.
     """
     n = ranges.shape[0]
     increment = abs(angles[1] - angles[0]) if n > 1 else 1.0
     points, found = np.empty((n, 2)), 0
     window = np.empty(9)
+    first_x, first_y, nearest = np.inf, np.inf, np.inf
     for i in range(n):
         r = ranges[i]
         if not 0.0 < r < near_m:
             continue
         half, size = min(4, int(spread_m / (r * increment))), 0
         for k in range(i - half, i + half + 1):
-            if 0 <= k < n and math.isfinite(ranges[k]):
+            if 0 <= k < n and abs(ranges[k] - r) <= same_m:
                 window[size] = ranges[k]
                 size += 1
         steady = np.median(window[:size])
         x, y = steady * math.cos(angles[i]), steady * math.sin(angles[i])
-        if found > 0 and math.hypot(x - points[found - 1, 0], y - points[found - 1, 1]) < THIN_M:
-            continue
-        points[found, 0], points[found, 1] = x, y
-        found += 1
+        if math.hypot(x - first_x, y - first_y) >= THIN_M:
+            first_x, first_y, nearest = x, y, np.inf
+            found += 1
+        if steady < nearest:
+            nearest = steady
+            points[found - 1, 0], points[found - 1, 1] = x, y
     return points[:found].copy()
 
 

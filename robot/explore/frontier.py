@@ -15,6 +15,7 @@ from robot.explore.planner_kernels import UNKNOWN
 
 VIEW_RADIUS_M = 2.0
 REFUSED_RADIUS_M = 0.5
+LOOKED_RADIUS_M = 0.2  # keyframes are taken this often along a way
 MIN_LENGTH_M = 0.4  # a gap that the smallest body fits through
 
 
@@ -33,11 +34,18 @@ class Frontier:
     y: float
 
 
-def find_frontiers(terrain: Terrain, field: TravelField, refused: FloatArray) -> list[Frontier]:
+NOWHERE: FloatArray = np.empty((0, 2))
+
+
+def find_frontiers(
+    terrain: Terrain, field: TravelField, refused: FloatArray, lookouts: FloatArray = NOWHERE
+) -> list[Frontier]:
     """All frontiers that can be looked at from where the robot can go, cheapest first.
 
-    Frontier blocks count only if they touch an unknown region that a body could stand in, and
-    if no goal in `refused` (n×2, m) lies within `REFUSED_RADIUS_M` of their viewpoint.
+    Frontier blocks count only if they touch an unknown region that a body could stand in, if no
+    goal in `refused` (n×2, m) lies within `REFUSED_RADIUS_M` of their viewpoint, and if the map
+    holds no scan from there (`lookouts`, n×2, within `LOOKED_RADIUS_M`): what is unknown in spite
+    of that scan, whoever took it, no ray gets to.
     """
     state = terrain.state
     unknown_labels, unknown_sizes = components(state == UNKNOWN, False)
@@ -47,6 +55,7 @@ def find_frontiers(terrain: Terrain, field: TravelField, refused: FloatArray) ->
         mask, state, field.cost, terrain.clearance, terrain.needed, _offsets(terrain.resolution)
     )
     views[mask & _is_refused(terrain, views, refused)] = -1
+    views[_around(terrain, lookouts).ravel()[views] & (views >= 0)] = -1
     labels, sizes = components(views >= 0, True)
     rows, columns = np.nonzero(labels >= 0)
     label, seen_from = labels[rows, columns], views[rows, columns]
@@ -83,6 +92,21 @@ def _offsets(resolution: float) -> np.ndarray[tuple[int, int], np.dtype[np.int64
     order = np.argsort(squares, kind="stable")
     order = order[squares[order] <= reach**2]
     return np.stack([rows.ravel()[order], columns.ravel()[order]], axis=-1).astype(np.int64)
+
+
+def _around(
+    terrain: Terrain, points: FloatArray
+) -> np.ndarray[tuple[int, int], np.dtype[np.bool_]]:
+    """Which blocks (h×w) are within `LOOKED_RADIUS_M` of any of the points (n×2, m)."""
+    height, width = terrain.state.shape
+    reach = round(LOOKED_RADIUS_M / terrain.resolution)
+    units = np.floor(terrain.to_units(points)).astype(np.int64)
+    units = units[((units >= 0) & (units < (height, width))).all(axis=1)] + reach
+    near = np.zeros((height + 2 * reach, width + 2 * reach), dtype=np.bool_)
+    for row, column in np.ndindex(2 * reach + 1, 2 * reach + 1):
+        if math.hypot(row - reach, column - reach) <= reach:
+            near[units[:, 0] + row - reach, units[:, 1] + column - reach] = True
+    return near[reach : reach + height, reach : reach + width]
 
 
 def _is_refused(

@@ -30,7 +30,7 @@ class NearestFrontier:
 
 def nearest_frontier(view: View, terrain: Terrain, field: TravelField) -> Plan:
     """The plan of `NearestFrontier`, for a terrain and travel from the robot's pose over it."""
-    found = find_frontiers(terrain, field, view.refused)
+    found = find_frontiers(terrain, field, view.refused, view.lookouts)
     frontiers = [f for f in found if not _looks_at(view.teammates, terrain, f)]
     left = sum(frontier.length_m for frontier in frontiers)
     if not frontiers:

@@ -29,6 +29,9 @@ TRUSTED_MPS, TRUSTED_RPS = 0.15, 0.5
 # Half the width over which near ranges are smoothed: what is narrower may be lost to the
 # follower until it is closer, so no wider than the noise makes it worth.
 NOISY_SIGMA_M, NOISY_SPREAD_M, SPREAD_M = 0.03, 0.06, 0.015
+# Neighbouring ranges that differ by more than this and so many standard deviations are of
+# different surfaces.
+SAME_M, SAME_SIGMAS = 0.01, 4.0
 
 
 class GridProvider(Protocol):
@@ -36,6 +39,9 @@ class GridProvider(Protocol):
 
     def snapshot(self) -> OccupancyGrid:
         """The joint map with the latest scan, not written to any more."""
+
+    def lookouts(self) -> FloatArray:
+        """Where (n×2, m) the scans on the map were taken."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,8 +64,9 @@ class Pilot:
         self._jobs = jobs
         self._follower = Follower(config.body)
         self._recovery = Recovery(config.name, config.tick_s)
-        noisy = config.lidar.sigma_range_m(0.5) > NOISY_SIGMA_M
-        self._spread_m = NOISY_SPREAD_M if noisy else SPREAD_M
+        sigma = config.lidar.sigma_range_m(0.5)
+        self._spread_m = NOISY_SPREAD_M if sigma > NOISY_SIGMA_M else SPREAD_M
+        self._same_m = SAME_SIGMAS * sigma + SAME_M
         self._tick: int | None = None
         self._speed = (0.0, 0.0)
         self._points: FloatArray = NO_PATH
@@ -103,8 +110,18 @@ class Pilot:
         for retreat in self._jobs.landed("retreat", tick):
             self._consider(tick, retreat, obliging=goal is None)
         steering = self._steer(tick, pose, goal, grids, teammates)
-        self._speed = (steering.command.forward_mps, steering.command.turn_rps)
+        self._speed = self._reached(steering.command)
         return steering
+
+    def _reached(self, command: DriveCommand) -> tuple[float, float]:
+        """The speed that the drive reaches by the next tick, within its accelerations."""
+        body, dt = self._config.body, self._config.tick_s
+        forward, turn = self._speed
+        gain, spin = body.max_acceleration_mps2 * dt, body.max_turn_acceleration_rps2 * dt
+        return (
+            forward + min(max(command.forward_mps - forward, -gain), gain),
+            turn + min(max(command.turn_rps - turn, -spin), spin),
+        )
 
     def _perceive(self, tick: int, motion: Motion, scan: LaserScan | None) -> None:
         """Bring the present speed and the scan's points up to date."""
@@ -117,7 +134,9 @@ class Pilot:
         if scan is None:
             self._points = moved.inverse().apply(self._points)
         else:
-            self._points = steady_points(scan.ranges, scan.angles, NEAR_M, self._spread_m)
+            self._points = steady_points(
+                scan.ranges, scan.angles, NEAR_M, self._spread_m, self._same_m
+            )
 
     def _steer(
         self,

@@ -28,6 +28,11 @@ class KeyframeMap:
         """How many keyframes are not drawn where they belong."""
         return len(self._queue)
 
+    def lookouts(self) -> FloatArray:
+        """Where (n×2, m) the keyframes that are drawn were taken."""
+        drawn = [poses[~np.isnan(poses[:, 0]), :2] for _, poses in sorted(self._drawn.items())]
+        return np.concatenate([np.empty((0, 2)), *drawn])
+
     def follow(self, graph: JointGraph, placed: Solution) -> None:
         """Note where the keyframes belong, for `placed` poses (m×3) of the anchors of logs."""
         for name in sorted(placed):

@@ -66,6 +66,9 @@ class _Shared:
         scan = self.scan
         return self.shared.live(self.pose, scan.ranges, scan.angles, scan.max_range_m)
 
+    def lookouts(self) -> FloatArray:
+        return np.empty((0, 2))
+
 
 class Team:
     """Explorers in a simulation. `checkpoint_at` replaces each of them by its checkpoint at that

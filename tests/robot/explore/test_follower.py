@@ -153,13 +153,44 @@ def test_neighbouring_beams_steady_each_other_close_by_only() -> None:
     angles = np.linspace(-0.5, 0.5, 41)
     ranges = 0.3 + rng.normal(0.0, 0.01, 41)
     ranges[[3, 9]] = np.nan, np.inf
-    points = steady_points(ranges, angles, NEAR_M, 0.015)
+    points = steady_points(ranges, angles, NEAR_M, 0.015, 0.06)
     found = np.hypot(*points.T)
     assert found.min() > ranges[np.isfinite(ranges)].min()
     assert np.abs(found - 0.3).max() < 0.02
     pole = np.full(41, np.inf)
     pole[20] = 1.0
-    np.testing.assert_allclose(steady_points(pole, angles, NEAR_M, 0.015), [[1.0, 0.0]], atol=1e-12)
+    points = steady_points(pole, angles, NEAR_M, 0.015, 0.06)
+    np.testing.assert_allclose(points, [[1.0, 0.0]], atol=1e-12)
+
+
+def test_an_edge_is_where_its_own_beams_end() -> None:
+    angles = np.linspace(-0.5, 0.5, 41)
+    ranges = np.where(angles < 0.0, 0.25, 2.0)  # the wall ends straight ahead
+    points = steady_points(ranges, angles, NEAR_M, 0.015, 0.06)
+    np.testing.assert_allclose(np.hypot(*points.T), 0.25, atol=1e-12)
+    last = angles[angles < 0.0].max()
+    assert abs(math.atan2(points[-1, 1], points[-1, 0]) - last) * 0.25 < 0.03
+
+
+def test_a_corner_that_points_at_the_robot_keeps_its_tip() -> None:
+    angles = np.linspace(-0.5, 0.5, 41)
+    ranges = 0.25 + 0.2 * np.abs(angles)
+    points = steady_points(ranges, angles, NEAR_M, 0.0, 0.06)
+    assert np.hypot(*points.T).min() == pytest.approx(0.25)
+
+
+def test_braking_in_a_bend_stays_on_its_arc() -> None:
+    """Nothing is safe any more: the turn fades with the speed, as the arc needs it to."""
+    ring = np.linspace(-math.pi, math.pi, 60)
+    walls = 0.23 * np.stack([np.cos(ring), np.sin(ring)], axis=-1)
+    follower, speed = Follower(BODY), (0.5, 1.0)
+    follower.follow(_line((0.0, 0.0), (3.0, 0.0)))
+    for _ in range(3):
+        command = follower.step(Pose2(0, 0, 0), walls, NOBODY, speed, DT)
+        assert command.forward_mps == pytest.approx(speed[0] - BODY.max_acceleration_mps2 * DT)
+        assert command.turn_rps / command.forward_mps == pytest.approx(2.0)
+        speed = (command.forward_mps, command.turn_rps)
+    assert follower.step(Pose2(0, 0, 0), walls, NOBODY, (0.1, 0.2), DT).forward_mps == 0.0
 
 
 def test_boxed_in_it_says_that_nothing_is_safe() -> None:

@@ -40,10 +40,8 @@ def _view(
     goal: Pose2 | None = None,
     grid: OccupancyGrid | None = None,
 ) -> View:
-    return View(
-        "r2", TICK, grid or _hall(), Pose2(x, 1.5, 0.0), BODY, teammates, np.empty((0, 2)), goal,
-        visits,
-    )  # fmt: skip
+    here, nowhere = Pose2(x, 1.5, 0.0), np.empty((0, 2))
+    return View("r2", TICK, grid or _hall(), here, BODY, teammates, nowhere, goal, visits=visits)
 
 
 def test_frontiers_come_first() -> None:

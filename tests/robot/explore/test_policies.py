@@ -1,6 +1,7 @@
 """Frontiers and policies: where to go, what to leave to others, and policies of one's own."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -70,6 +71,24 @@ def test_the_nearest_frontier_is_chosen_and_refused_ones_are_not() -> None:
     assert nothing.exhausted
     assert nothing.frontier_m == 0.0
     assert nothing.path.shape == (0, 2)
+
+
+def test_what_a_scan_from_there_left_unknown_is_no_frontier() -> None:
+    policy, grid, here = make_policy("frontier"), _half_known(), Pose2(5.0, 1.5, 0.0)
+    goal = policy.plan(_view(grid, here)).goal
+    assert goal is not None
+    assert goal.x < 4.0
+    ys = np.arange(0.5, 2.6, 0.1)
+    looked = np.array([[x, y] for x in np.arange(3.0, 3.8, 0.1) for y in ys])
+    beyond_the_map = np.array([[-50.0, 1.5], [500.0, 1.5]])
+    view = replace(_view(grid, here), lookouts=np.concatenate([looked, beyond_the_map]))
+    goal = policy.plan(view).goal
+    assert goal is not None
+    assert goal.x > 11.0
+    one_scan = replace(view, lookouts=looked[:1])
+    goal = policy.plan(one_scan).goal
+    assert goal is not None
+    assert goal.x < 4.0
 
 
 def test_a_frontier_is_left_to_the_teammate_who_is_nearer_to_it() -> None:
