@@ -115,6 +115,8 @@ class Inbox:
         self._limited: dict[str, list[_Limited]] = {}
         self.malformed: Counter[tuple[str, str]] = Counter()
         """Messages that were dropped, by topic and kind of defect."""
+        self.received: Counter[tuple[str, str]] = Counter()
+        """Published messages that came and were taken, by topic and robot."""
         self._sequences: dict[tuple[str, str], int] = {}
 
     def subscribe(self, topic: Topic, robot: str = "", allowance: Allowance | None = None) -> None:
@@ -218,6 +220,7 @@ class Inbox:
             message = decode(topic.schema, sample.payload.to_bytes(), str(sample.encoding))
             if topic.style is Style.PUBLISH:
                 self._check_sequence(topic, robot, sample.attachment)
+                self.received[topic.name, robot] += 1
         except MalformedMessageError as error:
             self._drop(topic, robot, error)
             return None
@@ -246,6 +249,8 @@ class Bus:
         self._session = session
         self._tokens: dict[str, zenoh.LivelinessToken] = {}
         self._publishers: dict[str, zenoh.Publisher] = {}
+        self.sent: Counter[tuple[str, str]] = Counter()
+        """Messages published so far, by topic and robot."""
         # From the time on, so that a process that is started again goes on above where it was.
         self._sequence = itertools.count(time.time_ns())
         self._order = threading.Lock()
@@ -259,6 +264,7 @@ class Bus:
         publisher, payload = self._publisher(topic, robot), encode(message)
         with self._order:  # numbers must leave in their order, also from two threads
             publisher.put(payload, attachment=SEQUENCE.pack(next(self._sequence)))
+            self.sent[topic.name, robot] += 1
 
     def is_heard(self, topic: Topic, robot: str = "") -> bool:
         """Whether anyone listens to a topic now."""

@@ -27,6 +27,8 @@ FRAME_HEADER_BYTES = 24
 
 Tick = Annotated[int, Field(ge=0, le=2**53)]
 Recipient = Annotated[str, Field(pattern=r"^(\*|[a-z][a-z0-9_-]{0,31})$")]
+TopicName = Annotated[str, Field(pattern=r"^[a-z][a-z-]{0,31}$")]
+MessageCount = Annotated[int, Field(ge=0, le=2**53)]
 FrameKind = Annotated[str, Field(pattern=r"^[a-z][a-z0-9-]{0,15}$")]
 
 
@@ -189,6 +191,17 @@ class TrajectoryReply(Message):
     bytes_sent: int = Field(ge=0)
     frames_heard: int = Field(ge=0)
     bytes_heard: int = Field(ge=0)
+
+
+class Tally(Message):
+    """Answer of `robot/<name>/tally`: how many messages this robot has put on the wire and taken
+    from it, by topic. What was refused as malformed is not among the received."""
+
+    SCHEMA: ClassVar[str] = "tally"
+
+    sent: dict[TopicName, MessageCount]
+    received: dict[TopicName, MessageCount]
+    malformed: MessageCount
 
 
 class Ended(Message):

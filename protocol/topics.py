@@ -21,6 +21,7 @@ from protocol.messages import (
     RadioFrame,
     Report,
     Sense,
+    Tally,
     TrajectoryReply,
     Truth,
 )
@@ -173,6 +174,17 @@ TRAJECTORY = Topic(
     reliable=True,
     rate="when asked",
 )
+TALLY = Topic(
+    "tally",
+    "robot/{robot}/tally",
+    Style.QUERY,
+    "robot",
+    "station",
+    Tally,
+    keep="every",
+    reliable=True,
+    rate="when asked, as at the end of a run: what it sent and received",
+)
 ROBOT_ALIVE = Topic(
     "robot-alive",
     "robot/{robot}/alive",
@@ -240,6 +252,7 @@ TOPICS: tuple[Topic, ...] = (
     MAP,
     EXACT_MAP,
     TRAJECTORY,
+    TALLY,
     ROBOT_ALIVE,
     WORLD_ALIVE,
     TRUTH,

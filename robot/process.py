@@ -13,7 +13,7 @@ from enum import Enum
 from pathlib import Path
 from typing import Protocol
 
-from protocol.bus import Arrival, Bus, Event, Inbox, Presence, Question
+from protocol.bus import Arrival, Bus, Event, Presence, Question
 from protocol.config import RobotConfig
 from protocol.errors import EarshotError
 from protocol.interrupt import Interrupt
@@ -24,6 +24,7 @@ from protocol.messages import (
     MapReply,
     Report,
     Sense,
+    Tally,
     TrajectoryReply,
 )
 from protocol.topics import (
@@ -37,6 +38,7 @@ from protocol.topics import (
     REPORT,
     ROBOT_ALIVE,
     SENSE,
+    TALLY,
     TRAJECTORY,
     WORLD_ALIVE,
 )
@@ -135,6 +137,7 @@ class RobotProcess:
         self, bus: Bus, name: str, mind: Mind, interrupt: Interrupt, journal: JournalFile | None
     ) -> None:
         self._bus = bus
+        self._inbox = bus.inbox()
         self._name = name
         self._mind = mind
         self._interrupt = interrupt
@@ -146,7 +149,8 @@ class RobotProcess:
 
     def run(self) -> Farewell:
         """Answer senses and questions until there is a reason to end."""
-        inbox = self._listen()
+        inbox = self._inbox
+        self._listen()
         try:
             while self._farewell is None:
                 event = inbox.get(POLL_S)
@@ -161,17 +165,16 @@ class RobotProcess:
             self._bus.withdraw(ROBOT_ALIVE, self._name)
         return self._farewell
 
-    def _listen(self) -> Inbox:
-        inbox, name = self._bus.inbox(), self._name
+    def _listen(self) -> None:
+        inbox, name = self._inbox, self._name
         self._interrupt.on_request.append(inbox.wake)
         for topic in (RADIO_IN, SENSE, ENDED):
             inbox.subscribe(topic, name)
-        for topic in (MAP, EXACT_MAP, TRAJECTORY):
+        for topic in (MAP, EXACT_MAP, TRAJECTORY, TALLY):
             inbox.serve(topic, name)
         inbox.watch(WORLD_ALIVE)
         # Last of all: who sees the token may send at once.
         self._bus.declare_alive(ROBOT_ALIVE, name)
-        return inbox
 
     def _handle(self, event: Event) -> None:
         match event:
@@ -189,8 +192,18 @@ class RobotProcess:
     def _reply(self, question: Question) -> None:
         if question.topic is TRAJECTORY:
             question.reply(self._mind.trajectory_reply())
+        elif question.topic is TALLY:
+            question.reply(self._tally())
         else:
             question.reply(self._mind.map_reply(exact=question.topic is EXACT_MAP))
+
+    def _tally(self) -> Tally:
+        sent, received = self._bus.sent, self._inbox.received
+        return Tally(
+            sent={topic: n for (topic, robot), n in sent.items() if robot == self._name},
+            received={topic: n for (topic, robot), n in received.items() if robot == self._name},
+            malformed=self._inbox.malformed.total(),
+        )
 
     def _answer(self) -> None:
         """Step on the newest sense, with every frame that was heard up to it."""

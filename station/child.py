@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from station.memory_use import peak_rss_mb
+from station.memory_use import MemorySample, memory_sample, peak_rss_mb
 
 END_S = 10.0  # to end by itself, once told
 INTERRUPT_S = 3.0  # to end after SIGINT, before SIGKILL
@@ -23,6 +23,7 @@ class Child(ABC):
         self.name = name
         self.log_path = log_path
         self.peak_rss_mb: float | None = None
+        self.memory: list[MemorySample] = []
 
     @property
     @abstractmethod
@@ -37,10 +38,16 @@ class Child(ABC):
     def send(self, number: signal.Signals) -> None:
         """Send a signal; nothing happens if it has just ended."""
 
-    def sample_memory(self) -> None:
+    def note_peak(self) -> None:
         """Remember the peak so far: after its death the system no longer says."""
         if self.exit_code is None:
             self.peak_rss_mb = peak_rss_mb(self.pid) or self.peak_rss_mb
+
+    def sample_memory(self, stamp: float) -> None:
+        """Add to its course of memory."""
+        sample = memory_sample(stamp, self.pid) if self.exit_code is None else None
+        if sample is not None:
+            self.memory.append(sample)
 
     def log_tail(self) -> str:
         """The last lines of what it wrote."""

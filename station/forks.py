@@ -16,7 +16,9 @@ from station.child import Child, Spawned, children
 
 READY_S = 60.0  # to import and rehearse, on a machine that has other things to do
 MAX_MESSAGE_BYTES = 1 << 12
-ARENAS = "2"  # glibc gives every thread a heap of its own, and Zenoh has eight threads
+# By default glibc gives each thread a heap of its own, and Zenoh has eight threads; and it learns
+# to keep large blocks, which planners need for a moment, instead of giving them back.
+HEAP = {"MALLOC_ARENA_MAX": "1", "MALLOC_MMAP_THRESHOLD_": str(256 * 1024)}
 
 
 class ForkError(EarshotError):
@@ -111,7 +113,7 @@ def fork_server(folder: Path) -> Iterator[Forks]:
                 command,
                 folder / "fork-server.log",
                 descriptors=(theirs.fileno(),),
-                environment={"MALLOC_ARENA_MAX": ARENAS},
+                environment=HEAP,
             )
             family.append(server)
         yield Forks(server, ours)

@@ -22,7 +22,8 @@ from world.process import WorldProcess
 from world.simulation import Simulation
 
 ATTEMPTS = 5
-MEMORY_EVERY_S = 1.0
+PEAK_EVERY_S = 1.0  # wall time
+SAMPLE_EVERY_S = 5.0
 JOURNALS = "journals"
 
 
@@ -59,8 +60,8 @@ def play_processes(
         try:
             world.run()
         finally:
-            sampled.sample()
-    return played(world, {child.name: child.peak_rss_mb for child in family})
+            sampled.note_peaks()
+    return played(world, {child.name: child for child in family})
 
 
 def _robot_arguments(name: str, endpoint: str, key: Path, journals: Path) -> list[str]:
@@ -115,19 +116,24 @@ def _free_router(keys: Path, names: tuple[str, ...]) -> Iterator[tuple[Bus, str]
 
 
 class _MemorySampled(Relay):
-    """Looks at the robots' memory each second or so."""
+    """Looks at the robots' memory each second or so, and now and then more closely."""
 
     def __init__(self, observer: Observer, family: list[Child]) -> None:
         super().__init__(observer)
         self._family = family
-        self._next = 0.0
+        self._next_peak = self._next_sample = 0.0
 
-    def sample(self) -> None:
+    def note_peaks(self) -> None:
         for child in self._family:
-            child.sample_memory()
+            child.note_peak()
 
     def ticked(self, simulation: Simulation, reports: Mapping[str, Report]) -> None:
         super().ticked(simulation, reports)
-        if time.monotonic() >= self._next:
-            self._next = time.monotonic() + MEMORY_EVERY_S
-            self.sample()
+        now = time.monotonic()
+        if now >= self._next_peak:
+            self._next_peak = now + PEAK_EVERY_S
+            self.note_peaks()
+        if now >= self._next_sample:
+            self._next_sample = now + SAMPLE_EVERY_S
+            for child in self._family:
+                child.sample_memory(simulation.stamp)

@@ -7,6 +7,7 @@ from typing import Literal, get_args
 
 from protocol.errors import EarshotError
 from protocol.messages import MapReply, Report
+from station.child import Child
 from station.observer import Observer, RobotOutcome, RunOutcome
 from world.process import WorldProcess
 from world.simulation import Simulation
@@ -27,18 +28,20 @@ class Played:
     reports: Mapping[str, list[Report]] = field(default_factory=dict)
 
 
-def played(world: WorldProcess, memory_mb: Mapping[str, float | None] | None = None) -> Played:
-    """The last words as a world's shell collected them."""
-    notes = world.notes
-    robots = {
-        name: RobotOutcome(
+def played(world: WorldProcess, processes: Mapping[str, Child] | None = None) -> Played:
+    """The last words as a world's shell collected them, and what is known of the `processes`."""
+    robots = {}
+    for name, replies in world.replies.items():
+        process, link = (processes or {}).get(name), world.roster.links[name]
+        robots[name] = RobotOutcome(
             map=replies.map,
             trajectory=replies.trajectory,
-            peak_rss_mb=(memory_mb or {}).get(name),
-            note=notes[name],
+            peak_rss_mb=process.peak_rss_mb if process else None,
+            note=link.note,
+            wire=replies.wire,
+            missed_ticks=link.missed,
+            memory=tuple(process.memory) if process else (),
         )
-        for name, replies in world.replies.items()
-    }
     return Played(robots, world.reports)
 
 

@@ -9,6 +9,8 @@ from dataclasses import dataclass, field
 from typing import Protocol
 
 from protocol.messages import MapReply, Report, TrajectoryReply
+from station.memory_use import MemorySample
+from world.last_words import WireCount
 from world.simulation import Simulation
 
 
@@ -22,6 +24,13 @@ class RobotOutcome:
     """Of its process; None where it had none of its own."""
     note: str = ""
     """What became of it, where that is not the ordinary: killed, stalled, timed out."""
+    wire: Mapping[str, WireCount] | None = None
+    """By topic, what was sent to it or by it and how much of that arrived; None without a wire,
+    and where it did not say."""
+    missed_ticks: int = 0
+    """Ticks of real time that it had not answered when the next was due."""
+    memory: tuple[MemorySample, ...] = ()
+    """Of its process, every few seconds of wall time; none where it had none of its own."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,6 +8,7 @@ from pydantic import Field
 from protocol.model import Model
 from station.hashes import run_hashes
 from station.observer import RunOutcome
+from world.last_words import WireCount
 from world.referee import Accuracy, RadioScore, Referee, RobotScore
 
 PACKAGES = ("earshot-slam", "numpy", "numba", "scipy", "eclipse-zenoh", "pydantic", "qdldl")
@@ -32,6 +33,8 @@ class RobotMetrics(RobotScore):
 
     finished: bool
     note: str
+    wire: dict[str, WireCount] | None
+    missed_ticks: int
 
 
 class Metrics(Model):
@@ -40,6 +43,7 @@ class Metrics(Model):
     `coverage` is of the union of the robots' own maps, `coverage_worst_joint` of the poorest
     joint map among the robots that answered. `realtime_factor` is simulated over wall time.
     `peak_rss_mb` is by process; in one process with the world, a robot has none of its own.
+    `messages_lost` are those between the world and robots that were sent and not received.
     """
 
     map: str
@@ -58,6 +62,7 @@ class Metrics(Model):
     collisions: int
     ledger: LedgerMetrics
     radio: RadioScore
+    messages_lost: int | None
     peak_rss_mb: dict[str, float | None]
     hashes: dict[str, str]
     versions: dict[str, str | None]
@@ -93,12 +98,15 @@ def measure(outcome: RunOutcome) -> Metrics:
                 **robot.model_dump(),
                 finished=name in simulation.finished,
                 note=robots[name].note if name in robots else "no answer",
+                wire=robots[name].wire if name in robots else None,
+                missed_ticks=robots[name].missed_ticks if name in robots else 0,
             )
             for name, robot in score.robots.items()
         },
         collisions=score.collisions,
         ledger=LedgerMetrics(equal=score.ledger.equal if told else None),
         radio=score.radio,
+        messages_lost=messages_lost(outcome),
         peak_rss_mb={
             WORLD: outcome.world_peak_rss_mb,
             **{name: robot.peak_rss_mb for name, robot in sorted(robots.items())},
@@ -109,6 +117,14 @@ def measure(outcome: RunOutcome) -> Metrics:
             **{name: _version(name) for name in PACKAGES},
         },
     )
+
+
+def messages_lost(outcome: RunOutcome) -> int | None:
+    """Sent and not received, by either side, of all robots that said; None if none did."""
+    told = [robot.wire for robot in outcome.robots.values() if robot.wire is not None]
+    if not told:
+        return None
+    return sum(count.sent - count.received for wire in told for count in wire.values())
 
 
 def _version(package: str) -> str | None:

@@ -138,9 +138,9 @@ def ticks_per_second(
                 family.append(Spawned(name, [sys.executable, "-m", *words], folder / f"{name}.log"))
             world.run()
         print((folder / "r1.log").read_text(), end="")
-    for name, note in world.notes.items():
-        if note:
-            print(f"  {name}: {note}", flush=True)
+    for name, link in world.roster.links.items():
+        if link.note:
+            print(f"  {name}: {link.note}", flush=True)
     return simulation.tick / timed.wall_s
 
 

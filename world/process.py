@@ -14,8 +14,9 @@ from protocol.interrupt import Interrupt
 from protocol.messages import Report, Sense
 from protocol.topics import RADIO_IN, SENSE, WORLD_ALIVE
 from world.broadcasts import Broadcasts
+from world.last_words import LastWords
 from world.pace import Lockstep, Pace, RealTime
-from world.reception import Reception, Replies, Watcher
+from world.reception import Reception, Watcher
 from world.roster import Roster
 from world.simulation import Simulation
 
@@ -56,14 +57,9 @@ class WorldProcess:
         return {name: link.reports for name, link in self.roster.links.items()}
 
     @property
-    def replies(self) -> dict[str, Replies]:
+    def replies(self) -> dict[str, LastWords]:
         """The robots' last words."""
         return self._reception.replies
-
-    @property
-    def notes(self) -> dict[str, str]:
-        """What became of each robot, where that is not the ordinary."""
-        return {name: link.note for name, link in self.roster.links.items()}
 
     def run(self) -> None:
         """From an empty roster to dismissed robots. Raises RosterError, and what `check` does."""

@@ -2,7 +2,6 @@
 
 import logging
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Protocol
 
 from protocol.bus import Arrival, Bus, Event, Flood, Presence, Question
@@ -13,26 +12,25 @@ from protocol.messages import (
     MapReply,
     RadioFrame,
     Report,
+    Tally,
     TrajectoryReply,
 )
 from protocol.topics import (
-    ACT,
     CONFIG,
     ENDED,
     EXACT_MAP,
     MAP,
-    RADIO_OUT,
-    REPORT,
     ROBOT_ALIVE,
+    TALLY,
     TRAJECTORY,
 )
+from world.last_words import SPOKEN, LastWords, compare
 from world.robot_link import RobotLink
 from world.roster import Roster
 from world.simulation import Simulation
 
 log = logging.getLogger(__name__)
 
-SPOKEN = (RADIO_OUT, ACT, REPORT)  # what robots say without being asked
 MUTE_TICKS = 100  # how long who floods is not listened to
 POLL_S = 0.2  # how often a wait looks at its interrupt and at the processes it depends on
 
@@ -47,18 +45,6 @@ class Watcher(Protocol):
     def mapped(self, robot: str, reply: MapReply) -> None: ...
 
 
-@dataclass(slots=True)
-class Replies:
-    """What one robot answered at the end; None for what it did not."""
-
-    map: MapReply | None = None
-    trajectory: TrajectoryReply | None = None
-
-    @property
-    def complete(self) -> bool:
-        return self.map is not None and self.trajectory is not None
-
-
 class Reception:
     """Reads the world's inbox and keeps what it says about the robots."""
 
@@ -71,7 +57,7 @@ class Reception:
         interrupt: Interrupt,
         check: Callable[[], None],
     ) -> None:
-        self.replies = {name: Replies() for name in simulation.names}
+        self.replies = {name: LastWords() for name in simulation.names}
         self.reports: dict[str, Report] = {}
         """The newest report of each robot."""
         self._simulation = simulation
@@ -112,6 +98,7 @@ class Reception:
         for name in asked:
             self._inbox.ask(EXACT_MAP, name, timeout_s)
             self._inbox.ask(TRAJECTORY, name, timeout_s)
+            self._inbox.ask(TALLY, name, timeout_s)
         return asked
 
     def dismiss(self, name: str, reason: str) -> None:
@@ -131,20 +118,27 @@ class Reception:
                 self._mark_lost(link)
             case Arrival(topic=topic) if link.lost or (link.muted and topic in SPOKEN):
                 pass
-            case Arrival(message=RadioFrame() as frame):
+            case Arrival():
+                self._hear(link, event)
+
+    def _hear(self, link: RobotLink, arrival: Arrival) -> None:
+        words = self.replies[link.name]
+        match arrival.message:
+            case RadioFrame() as frame:
                 link.accept_frame(frame)
-            case Arrival(message=Action() as action):
+            case Action() as action:
                 link.accept_action(action, self._simulation.tick)
-            case Arrival(message=Report() as report):
+            case Report() as report:
                 link.accept_report(report, self._simulation.tick)
-                self.reports[event.robot] = link.reports[-1]
-            case Arrival(topic=topic, message=MapReply() as reply):
-                if topic is EXACT_MAP:
-                    self.replies[event.robot].map = reply
-                else:
-                    self._watcher.mapped(event.robot, reply)
-            case Arrival(message=TrajectoryReply() as reply):
-                self.replies[event.robot].trajectory = reply
+                self.reports[link.name] = link.reports[-1]
+            case MapReply() as reply if arrival.topic is EXACT_MAP:
+                words.map = reply
+            case MapReply() as reply:
+                self._watcher.mapped(link.name, reply)
+            case TrajectoryReply() as reply:
+                words.trajectory = reply
+            case Tally() as tally:
+                words.wire = compare(link.name, tally, self._bus.sent, self._inbox.received)
 
     def listen_again(self) -> None:
         """To those who were muted long enough."""

@@ -23,6 +23,7 @@ HIT_WEIGHT = 4  # a cell is a wall from one hit in five scans on; 0.2 is the usu
 HIT_RANGE_M = 10.0  # farther out a return is less sure than a cell, and its wall is seen again
 HIT_SIGMA_M = 0.25
 GRAZING_M = 0.5
+COUNT = np.uint16  # a keyframe counts a cell once: enough for 65,535 of them at one place
 MAX_CELLS = 1 << 27  # half a kilometre square at 5 cm; beyond it a pose is broken
 MOVED_M, MOVED_RAD = 0.005, math.radians(0.1)
 
@@ -56,8 +57,8 @@ class OccupancyMap:
         self._placed: dict[Key, _Placed] = {}
         self._angle_tables: list[FloatArray] = []
         self._first_row = self._first_column = 0
-        self._hits = np.zeros((0, 0), dtype=np.int32)
-        self._misses = np.zeros((0, 0), dtype=np.int32)
+        self._hits = np.zeros((0, 0), dtype=COUNT)
+        self._misses = np.zeros((0, 0), dtype=COUNT)
         self._grid: OccupancyGrid | None = None
         self._known_cells = 0
 
@@ -191,7 +192,7 @@ class OccupancyMap:
             )
         down, left = self._first_row - first_row, self._first_column - first_column
         for name in ("_hits", "_misses"):
-            grown = np.zeros(shape, dtype=np.int32)
+            grown = np.zeros(shape, dtype=COUNT)
             if height > 0:
                 grown[down : down + height, left : left + width] = getattr(self, name)
             setattr(self, name, grown)

@@ -413,7 +413,7 @@ def test_who_floods_is_not_waited_for(wire: Wire) -> None:
         bus.declare_alive(ROBOT_ALIVE, name)
     world.run()
     assert simulation.exit_reason == TIME_LIMIT
-    assert "muted 1 times for flooding" in world.notes["r1"]
+    assert "muted 1 times for flooding" in world.roster.links["r1"].note
     first, second = (inboxes["r1"].get(WAIT_S) for _ in range(2))
     assert isinstance(first, Arrival)
     assert isinstance(first.message, Sense)
@@ -421,7 +421,7 @@ def test_who_floods_is_not_waited_for(wire: Wire) -> None:
     assert isinstance(second, Arrival)
     assert isinstance(second.message, Sense)
     assert second.message.tick >= MUTE_TICKS
-    assert world.notes["r2"] == "lost"  # as all who withdraw before they were dismissed
+    assert world.roster.links["r2"].note == "lost"  # as all who withdraw before they were dismissed
 
 
 def test_a_key_is_nobody_elses_to_read(tmp_path: Path) -> None:

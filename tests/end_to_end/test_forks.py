@@ -55,8 +55,11 @@ def test_each_is_a_process_with_a_log_and_an_end_of_its_own(tmp_path: Path) -> N
         assert NOWHERE in hasty.log_tail()
         assert await_end(wrong) == 2
         assert "unrecognized arguments: --no-such-option" in wrong.log_tail()
-        patient.sample_memory()
+        patient.note_peak()
+        patient.sample_memory(0.5)
+        (sample,) = patient.memory
         assert patient.peak_rss_mb is not None
+        assert 0.0 < sample.pss_mb < sample.rss_mb <= patient.peak_rss_mb
         assert patient.exit_code is None
         patient.send(signal.SIGKILL)
         assert await_end(patient) == -signal.SIGKILL

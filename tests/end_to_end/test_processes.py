@@ -128,6 +128,9 @@ def test_in_processes_the_run_is_the_same(inline_run: RunOutcome, tmp_path: Path
     assert outcome.exit_reason == inline_run.exit_reason
     for name, robot in outcome.robots.items():
         assert robot.note == ""
+        assert robot.wire is not None
+        assert robot.wire["sense"].sent == 121
+        assert all(count.sent == count.received > 0 for count in robot.wire.values())
         assert robot.peak_rss_mb is not None
         assert 20.0 < robot.peak_rss_mb < 250.0
         assert list((tmp_path / "journals").glob(f"{name}.*")) == [
