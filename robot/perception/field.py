@@ -85,8 +85,11 @@ class CorrelationField:
             1e3,
         )
 
-    def overlay(self, pose: Pose2, returns: Returns) -> Overlay:
-        """How a scan at `pose` (`T_field_base`) lies on what this field knows."""
+    def overlay(self, pose: Pose2, returns: Returns, rays: bool = True) -> Overlay:
+        """How a scan at `pose` (`T_field_base`) lies on what this field knows.
+
+        Without `rays` none is traced, which takes most of the time; `crossing` is then 1.
+        """
         compared, hits, traced, crossing = field_kernels.overlay(
             self.nodes,
             self.origin,
@@ -98,7 +101,7 @@ class CorrelationField:
             len(returns),
             SIGMA_M,
             HIT_LEVEL,
-            CROSSING_MARGIN_M,
+            CROSSING_MARGIN_M if rays else math.inf,
         )
         weight = float(returns.values[:, 4].sum())
         return Overlay(

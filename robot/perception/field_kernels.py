@@ -11,8 +11,11 @@ import numpy as np
 from protocol.kernel import inlined, kernel
 
 FULL = 255.0
-# A Gaussian is drawn to this many σ: beyond, it is less than one of 255 levels.
-REACH_SIGMAS = 3.3
+# A Gaussian is drawn to this many σ: beyond, it is three of 255 levels or less.
+REACH_SIGMAS = 3.0
+# exp(−d²/2σ²) over d²/σ², in steps of 1 / LEVELS_PER_UNIT.
+LEVELS_PER_UNIT = 64.0
+GAUSSIAN = np.exp(-0.5 * np.arange(int(REACH_SIGMAS**2 * LEVELS_PER_UNIT) + 2) / LEVELS_PER_UNIT)
 
 
 @kernel
@@ -47,19 +50,21 @@ def _draw_segment(field, ax, ay, bx, by, sigma, height):
     dx = bx - ax
     dy = by - ay
     length2 = dx * dx + dy * dy
-    scale = -0.5 / (sigma * sigma)
+    scale = LEVELS_PER_UNIT / (sigma * sigma)
+    inverse_length2 = 1.0 / length2 if length2 > 0.0 else 0.0
+    reach2 = reach * reach
+    full = FULL * height
     for row in range(first_row, last_row + 1):
         for column in range(first_column, last_column + 1):
             px = column - ax
             py = row - ay
-            if length2 > 0.0:
-                t = min(1.0, max(0.0, (px * dx + py * dy) / length2))
-                px -= t * dx
-                py -= t * dy
+            t = min(1.0, max(0.0, (px * dx + py * dy) * inverse_length2))
+            px -= t * dx
+            py -= t * dy
             d2 = px * px + py * py
-            if d2 > reach * reach:
+            if d2 > reach2:
                 continue
-            value = np.uint8(FULL * height * math.exp(scale * d2) + 0.5)
+            value = np.uint8(full * GAUSSIAN[int(scale * d2 + 0.5)] + 0.5)
             if value > field[row, column]:
                 field[row, column] = value
 

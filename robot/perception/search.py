@@ -49,19 +49,32 @@ class Peak:
 
 
 @dataclass(frozen=True, slots=True)
+class Blocks:
+    """A field, and its maxima over the cells of a search (10 cm)."""
+
+    field: CorrelationField
+    maxima: ByteArray
+
+    @staticmethod
+    def of(field: CorrelationField) -> "Blocks":
+        """Of a whole field, or of a window of one."""
+        nodes = np.ascontiguousarray(field.nodes)
+        return Blocks(field, search_kernels.block_maxima(nodes, NODES_PER_CELL))
+
+
+@dataclass(frozen=True, slots=True)
 class Pyramid:
-    """A field with its block maxima, to be searched as often as wanted."""
+    """Maxima over larger and larger blocks of cells, to be searched as often as wanted."""
 
     field: CorrelationField
     levels: ByteArray
 
     @staticmethod
-    def of(field: CorrelationField, half_m: float) -> "Pyramid":
+    def of(blocks: Blocks, half_m: float) -> "Pyramid":
         """As many levels as a window of ± `half_m` makes use of."""
         cells = max(2.0 * half_m / SEARCH_RESOLUTION_M, 2.0)
         levels = min(MAX_LEVELS, max(2, math.ceil(math.log2(cells))))
-        nodes = np.ascontiguousarray(field.nodes)
-        return Pyramid(field, search_kernels.build_pyramid(nodes, NODES_PER_CELL, levels))
+        return Pyramid(blocks.field, search_kernels.build_pyramid(blocks.maxima, levels))
 
 
 def search(pyramid: Pyramid, returns: Returns, window: Window, floor: float) -> Peak | None:

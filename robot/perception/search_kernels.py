@@ -10,22 +10,31 @@ from robot.perception.field_kernels import look_up
 
 
 @kernel
-def build_pyramid(field, ratio, levels):
-    """Maxima over 2^level × 2^level nodes that start at each node: levels×rows×columns.
-
-    Level 0 holds maxima of ratio × ratio nodes of the field: the cells which are searched.
-    """
+def block_maxima(field, ratio):
+    """Maxima over blocks of ratio × ratio nodes of a field."""
     rows = (field.shape[0] + ratio - 1) // ratio
     columns = (field.shape[1] + ratio - 1) // ratio
+    maxima = np.zeros((rows, columns), dtype=np.uint8)
+    strip = np.zeros(columns * ratio, dtype=np.uint8)
+    for row in range(rows):
+        strip[:] = 0
+        for r in range(row * ratio, min((row + 1) * ratio, field.shape[0])):
+            for column in range(field.shape[1]):
+                strip[column] = max(strip[column], field[r, column])
+        for column in range(columns):
+            best = strip[column * ratio]
+            for k in range(1, ratio):
+                best = max(best, strip[column * ratio + k])
+            maxima[row, column] = best
+    return maxima
+
+
+@kernel
+def build_pyramid(cells, levels):
+    """Maxima over 2^level × 2^level cells that start at each cell: levels×rows×columns."""
+    rows, columns = cells.shape
     pyramid = np.zeros((levels, rows, columns), dtype=np.uint8)
-    for row in range(field.shape[0]):
-        cell_row = row // ratio
-        for cell_column in range(columns):
-            first = cell_column * ratio
-            value = pyramid[0, cell_row, cell_column]
-            for column in range(first, min(first + ratio, field.shape[1])):
-                value = max(value, field[row, column])
-            pyramid[0, cell_row, cell_column] = value
+    pyramid[0] = cells
     for level in range(1, levels):
         half = 1 << (level - 1)
         for row in range(rows):

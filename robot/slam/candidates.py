@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from protocol.pose import FloatArray, Pose2, compose
+from protocol.pose import FloatArray, Pose2, compose, invert
 from robot.slam.config import ClosureConfig
 from robot.slam.engine import Closure
 from robot.slam.loop_closure import Candidate
@@ -15,6 +15,8 @@ class CandidateFinder:
     def __init__(self, config: ClosureConfig) -> None:
         self._config = config
         self._submaps: list[Submap] = []
+        self._indices = np.zeros(0, dtype=np.int64)
+        self._circles = np.zeros((0, 3))  # centre and radius of their ways, in their frames
         self._untied_m = 0.0
         self._last: tuple[int, Pose2] | None = None
         self._since = 0
@@ -28,6 +30,10 @@ class CandidateFinder:
     def add(self, submap: Submap) -> None:
         """A submap that is finished from now on."""
         self._submaps.append(submap)
+        centre = 0.5 * (submap.way.min(axis=0) + submap.way.max(axis=0))
+        radius = np.hypot(*(submap.way - centre).T).max()
+        self._indices = np.append(self._indices, submap.index)
+        self._circles = np.vstack([self._circles, [*centre, radius]])
 
     def advance(self, anchor: int, T_anchor_base: Pose2) -> bool:
         """Count a drawn keyframe and the travel to it; True when an attempt is due."""
@@ -52,19 +58,13 @@ class CandidateFinder:
         """The nearest submaps that are not the last ones, nearest first; nodes are anchors m×3."""
         here = Pose2.from_array(nodes[anchor]) @ T_anchor_base
         half_m, half_rad = self._window()
-        near: list[tuple[float, int]] = []
-        for place, submap in enumerate(self._submaps):
-            if submap.index > anchor - self._config.recent:
-                continue
-            if self._per_pair.get((submap.index, anchor), 0) >= self._config.max_per_pair:
-                continue
-            seen_from = compose(nodes[submap.index], np.array(submap.keyframes))
-            away = np.hypot(seen_from[:, 0] - here.x, seen_from[:, 1] - here.y).min()
-            if away <= self._config.radius_m + half_m:
-                near.append((float(away), place))
-        chosen = sorted(near)[: self._config.max_candidates]
+        near = [
+            place
+            for place in self.near(here, nodes, self._config.radius_m + half_m)
+            if self._may_tie(self._submaps[place].index, anchor)
+        ]
         candidates, searches = [], 0
-        for _, place in chosen:
+        for place in near[: self._config.max_candidates]:
             submap = self._submaps[place]
             guess = Pose2.from_array(nodes[submap.index]).inverse() @ here
             old = anchor - submap.index > self._config.near_in_time
@@ -74,6 +74,26 @@ class CandidateFinder:
                 candidates.append(Candidate(submap, guess, half_m, half_rad))
                 searches += 1
         return tuple(candidates)
+
+    def near(self, here: Pose2, nodes: FloatArray, reach_m: float) -> list[int]:
+        """Places (in `submaps`) of those whose way comes within reach of `here`, nearest first."""
+        if not self._submaps:
+            return []
+        frames = nodes[self._indices]
+        local = compose(invert(frames), here.to_array())
+        apart = np.hypot(local[:, 0] - self._circles[:, 0], local[:, 1] - self._circles[:, 1])
+        found = []
+        for place in np.flatnonzero(apart - self._circles[:, 2] <= reach_m):
+            way = self._submaps[place].way
+            away = float(np.hypot(way[:, 0] - local[place, 0], way[:, 1] - local[place, 1]).min())
+            if away <= reach_m:
+                found.append((away, int(place)))
+        return [place for _, place in sorted(found)]
+
+    def _may_tie(self, of: int, to: int) -> bool:
+        """Whether a closure between two anchors would tell anything new."""
+        tied = self._per_pair.get((of, to), 0)
+        return of <= to - self._config.recent and tied < self._config.max_per_pair
 
     def _window(self) -> tuple[float, float]:
         """Half extents (m, rad) that hold the drift since the last closure."""

@@ -15,7 +15,7 @@ from robot.perception.matching import Match, match_returns
 from robot.perception.odometry import Motion
 from robot.perception.returns import Returns, describe_returns, noise_model
 from robot.perception.scan import LaserScan
-from robot.perception.search import Pyramid, Window, search
+from robot.perception.search import Blocks, Pyramid, Window, search
 from robot.slam.config import FrontEndConfig
 from robot.slam.gaussian import carry, invert_spd
 from robot.slam.submap import Submap
@@ -153,7 +153,8 @@ class FrontEnd:
         few = returns.thinned(SEARCH_POINTS)
         reach = window.half_m + float(np.hypot(few.points[:, 0], few.points[:, 1]).max())
         around = np.array([[window.centre.x, window.centre.y]])
-        pyramid = Pyramid.of(self.current.field.window(around, reach), window.half_m)
+        seen = self.current.blocks or Blocks.of(self.current.field.window(around, reach))
+        pyramid = Pyramid.of(seen, window.half_m)
         floor = max(SEARCH_FLOOR, first.score)
         peak = search(pyramid, few, window, floor)
         if peak is None:
@@ -164,7 +165,7 @@ class FrontEnd:
 
     def _hits(self, match: Match, returns: Returns) -> float:
         """The share of returns on walls, of those that lie where the submap knows the place."""
-        return self.current.field.overlay(match.T_field_base, returns).hits
+        return self.current.field.overlay(match.T_field_base, returns, rays=False).hits
 
     def _better(self, first: Match, second: Match, returns: Returns) -> Match:
         gain = self._hits(second, returns) - self._hits(first, returns)

@@ -3,15 +3,18 @@
 import numpy as np
 
 from protocol.pose import FloatArray, Pose2
+from robot.slam import gaussian_kernels
 
 
 def invert_spd(matrix: FloatArray) -> FloatArray:
     """Inverse of a symmetric positive definite 3×3 matrix, symmetric to the last bit.
 
-    Raises numpy.linalg.LinAlgError when it is singular.
+    Raises numpy.linalg.LinAlgError when it is singular or indefinite.
     """
-    inverse = np.linalg.inv(matrix)
-    return np.asarray(0.5 * (inverse + inverse.T), dtype=np.float64)
+    inverse = np.empty((3, 3))
+    if not gaussian_kernels.invert_spd(np.array(matrix, order="C"), inverse):
+        raise np.linalg.LinAlgError("the matrix is not positive definite")
+    return inverse
 
 
 def carry(covariance: FloatArray, T_a_b: Pose2) -> FloatArray:
@@ -19,5 +22,6 @@ def carry(covariance: FloatArray, T_a_b: Pose2) -> FloatArray:
 
     `covariance` is that of `T_map_a`, in the tangent space at a.
     """
-    backward = T_a_b.inverse().adjoint()
-    return np.asarray(backward @ covariance @ backward.T, dtype=np.float64)
+    carried = np.empty((3, 3))
+    gaussian_kernels.carry(np.array(covariance, order="C"), T_a_b.x, T_a_b.y, T_a_b.theta, carried)
+    return carried

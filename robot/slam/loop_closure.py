@@ -5,14 +5,15 @@ test that the matcher did not use: no rays of the scan through walls of the subm
 walls wherever the submap knows the place, and no other pose in the window nearly as good.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from protocol.pose import FloatArray, Pose2
+from robot.perception.field import Overlay
 from robot.perception.matching import Match, match_returns
 from robot.perception.returns import Returns
-from robot.perception.search import Pyramid, Window, search
+from robot.perception.search import Blocks, Peak, Pyramid, Window, search
 from robot.slam.config import ClosureConfig
 from robot.slam.gaussian import carry, invert_spd
 from robot.slam.submap import Submap
@@ -21,6 +22,8 @@ from robot.slam.submap import Submap
 WEAK_PRIOR = np.diag([0.15**-2, 0.15**-2, 0.1**-2])
 # What is known of a direction in which the returns say nothing (1 m, 1 rad).
 UNKNOWN = np.eye(3)
+# What is told of a match that was not looked at any further.
+NOT_LAID_OVER = Overlay(overlap=0.0, hits=0.0, crossing=1.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,24 +76,37 @@ def examine(
 
 def _examine(query: Query, candidate: Candidate, config: ClosureConfig) -> Verdict:
     field = candidate.submap.field
-    start, ambiguity, found = candidate.guess, 0.0, True
+    start, ambiguity = candidate.guess, 0.0
     if candidate.half_m > 0.0:
-        window = Window(candidate.guess, candidate.half_m, candidate.half_rad)
-        pyramid = Pyramid.of(field, window.half_m)
-        few = query.returns.thinned(config.search_points)
-        peak = search(pyramid, few, window, config.search_floor)
-        found = peak is not None
-        if peak is not None:
-            start, ambiguity = peak.pose, peak.runner_up / peak.score
+        peak = _search(query, candidate, config)
+        if peak is None:
+            nothing = Match(start, np.zeros((3, 3)), 0.0, 0, False, "iterations")
+            return _measure(query, candidate, nothing, NOT_LAID_OVER, 0.0, "nothing in the window")
+        start, ambiguity = peak.pose, peak.runner_up / peak.score
     match = match_returns(field, query.returns, start, WEAK_PRIOR)
-    verdict = _measure(query, candidate, match, ambiguity)
-    reason = _objection(verdict, config) if found else "nothing in the window"
-    return replace(verdict, accepted=not reason, reason=reason or "accepted")
+    if match.score < config.min_score:
+        return _measure(query, candidate, match, NOT_LAID_OVER, ambiguity, "low score")
+    overlay = field.overlay(match.T_field_base, query.returns)
+    reason = _objection(overlay, ambiguity, config)
+    return _measure(query, candidate, match, overlay, ambiguity, reason)
 
 
-def _measure(query: Query, candidate: Candidate, match: Match, ambiguity: float) -> Verdict:
+def _search(query: Query, candidate: Candidate, config: ClosureConfig) -> Peak | None:
+    window = Window(candidate.guess, candidate.half_m, candidate.half_rad)
+    blocks = candidate.submap.blocks or Blocks.of(candidate.submap.field)
+    few = query.returns.thinned(config.search_points)
+    return search(Pyramid.of(blocks, window.half_m), few, window, config.search_floor)
+
+
+def _measure(
+    query: Query,
+    candidate: Candidate,
+    match: Match,
+    overlay: Overlay,
+    ambiguity: float,
+    objection: str,
+) -> Verdict:
     """The closure between anchors that a match means, with its evidence."""
-    overlay = candidate.submap.field.overlay(match.T_field_base, query.returns)
     return Verdict(
         of=candidate.submap.index,
         to=query.anchor,
@@ -101,8 +117,8 @@ def _measure(query: Query, candidate: Candidate, match: Match, ambiguity: float)
         hits=overlay.hits,
         crossing=overlay.crossing,
         ambiguity=ambiguity,
-        accepted=False,
-        reason="",
+        accepted=not objection,
+        reason=objection or "accepted",
     )
 
 
@@ -112,16 +128,14 @@ def closure_information(match_information: FloatArray, query: Query) -> FloatArr
     return invert_spd(carry(covariance, query.T_anchor_base.inverse()))
 
 
-def _objection(verdict: Verdict, config: ClosureConfig) -> str:
+def _objection(overlay: Overlay, ambiguity: float, config: ClosureConfig) -> str:
     """Why a match is no loop closure; empty when nothing speaks against it."""
-    if verdict.score < config.min_score:
-        return "low score"
-    if verdict.overlap < config.min_overlap:
+    if overlay.overlap < config.min_overlap:
         return "little overlap"
-    if verdict.hits < config.min_hits:
+    if overlay.hits < config.min_hits:
         return "returns where the submap is free"
-    if verdict.crossing > config.max_crossing:
+    if overlay.crossing > config.max_crossing:
         return "rays through walls"
-    if verdict.ambiguity > config.max_ambiguity:
+    if ambiguity > config.max_ambiguity:
         return "ambiguous"
     return ""

@@ -3,9 +3,12 @@
 import dataclasses
 from dataclasses import dataclass
 
+import numpy as np
+
 from protocol.pose import FloatArray, Pose2
 from robot.perception.field import CorrelationField
 from robot.perception.returns import Returns
+from robot.perception.search import Blocks
 
 
 @dataclass(slots=True)
@@ -18,6 +21,10 @@ class Submap:
     """`T_anchor_keyframe` (3,) of every scan drawn."""
     travel_m: float = 0.0
     finished: bool = False
+    way: FloatArray = dataclasses.field(default_factory=lambda: np.zeros((0, 2)))
+    """Where its scans were taken (k×2, m, anchor's frame), once it is finished."""
+    blocks: Blocks | None = None
+    """What searches look at, once it is finished."""
 
     @staticmethod
     def start(index: int, extent_m: float) -> "Submap":
@@ -33,6 +40,8 @@ class Submap:
         self.field.draw(T_anchor_base, returns)
 
     def finish(self) -> None:
-        """Give back the memory of the empty margin."""
+        """Give back the memory of the empty margin, and get ready to be searched."""
         self.field = self.field.cropped()
+        self.blocks = Blocks.of(self.field)
+        self.way = np.array(self.keyframes)[:, :2].copy()
         self.finished = True

@@ -14,7 +14,7 @@ from robot.perception.field import RESOLUTION_M, CorrelationField
 from robot.perception.matching import match_returns
 from robot.perception.returns import Returns, describe_returns, noise_model
 from robot.perception.scan import LaserScan, beam_angles
-from robot.perception.search import NODES_PER_CELL, Pyramid, Window, rotations, search
+from robot.perception.search import NODES_PER_CELL, Blocks, Pyramid, Window, rotations, search
 
 LIDAR = LidarConfig(noise="none")
 HERE = Pose2(2.0, 2.5, 0.3)
@@ -142,7 +142,7 @@ def test_the_search_finds_a_pose_over_all_rotations(room: Any, turn: float) -> N
     truth = Pose2(4.2, 2.1, turn)
     returns = returns_of(room.scan(truth, LIDAR))
     window = Window(Pose2(3.6, 2.7, 0.0), 1.5, math.pi)
-    peak = search(Pyramid.of(field, 1.5), returns.thinned(100), window, 0.3)
+    peak = search(Pyramid.of(Blocks.of(field), 1.5), returns.thinned(100), window, 0.3)
     assert peak is not None
     metres, radians = error(peak.pose, truth)
     assert metres < 0.06
@@ -158,9 +158,9 @@ def test_the_search_equals_brute_force(room: Any) -> None:
     field = field_at(room, [HERE])
     returns = returns_of(room.scan(Pose2(2.3, 2.3, 0.3), LIDAR)).thinned(40)
     centre, half = Pose2(2.0, 2.6, 0.3), 0.6
-    peak = search(Pyramid.of(field, half), returns, Window(centre, half, 0.01), 0.0)
+    peak = search(Pyramid.of(Blocks.of(field), half), returns, Window(centre, half, 0.01), 0.0)
     assert peak is not None
-    level = Pyramid.of(field, half).levels[0]
+    level = Pyramid.of(Blocks.of(field), half).levels[0]
     best = 0.0
     for angle in rotations(returns.points, Window(centre, half, 0.01)):
         points = Pose2(centre.x, centre.y, angle).apply(returns.points)
@@ -177,14 +177,14 @@ def test_a_symmetric_place_is_called_ambiguous(square: Any) -> None:
     """In an empty square room a turn by 90° is as good: the runner-up must say so."""
     field = field_at(square, [Pose2(0.0, 0.0, 0.0)])
     returns = returns_of(square.scan(Pose2(0.1, 0.05, 0.0), LIDAR)).thinned(80)
-    peak = search(Pyramid.of(field, 0.5), returns, Window(IDENTITY, 0.5, math.pi), 0.3)
+    peak = search(Pyramid.of(Blocks.of(field), 0.5), returns, Window(IDENTITY, 0.5, math.pi), 0.3)
     assert peak is not None
     assert peak.runner_up > 0.9 * peak.score
 
 
 def test_nothing_to_find_is_none(room: Any) -> None:
-    empty = CorrelationField.around(5.0)
+    empty = Pyramid.of(Blocks.of(CorrelationField.around(5.0)), 1.0)
     returns = returns_of(room.scan(HERE, LIDAR)).thinned(80)
-    assert search(Pyramid.of(empty, 1.0), returns, Window(IDENTITY, 1.0, 1.0), 0.3) is None
+    assert search(empty, returns, Window(IDENTITY, 1.0, 1.0), 0.3) is None
     nothing = Returns(np.empty((0, 6)), np.empty(0, dtype=np.int64))
-    assert search(Pyramid.of(empty, 1.0), nothing, Window(IDENTITY, 1.0, 1.0), 0.3) is None
+    assert search(empty, nothing, Window(IDENTITY, 1.0, 1.0), 0.3) is None
