@@ -8,16 +8,16 @@ import numpy as np
 from maps.grid import OccupancyGrid
 from protocol.config import LidarConfig, PoseModel
 from protocol.model import Model
-from protocol.pose import FloatArray, Pose2, compose, invert, wrap_angle
+from protocol.pose import FloatArray, Pose2
 from robot.mapping.occupancy import OccupancyMap
 from robot.team.alignment import Alignment
-from robot.team.joint import JointGraph, Solution, keyframe_poses
+from robot.team.joint import JointGraph, keyframe_poses
 from robot.team.journal import LogName
 from robot.team.log_map import LogMap, choose_scans, draw_log, lay_over
 from robot.team.pair_judge import PairView, State
 from station.merge import Merge
+from station.merge_parts import PartMetrics, measure_parts
 from station.merge_sources import Source, Whole
-from world.accuracy import align_team
 
 RESOLUTION_M = 0.05
 
@@ -55,15 +55,6 @@ class PairMetrics(Model):
     transform: PoseModel | None = None
 
 
-class PartMetrics(Model):
-    """Where a part of a split log was placed, against the same log as one robot: what is left at
-    its middle after one alignment for all parts."""
-
-    name: str
-    placed_m: float
-    placed_rad: float
-
-
 class MergeMetrics(Model):
     """metrics.json. `aligned` is the number of robots in the largest group that shares a frame;
     `agreement` and `contradictions` are means over aligned pairs, cycles the worst of three aligned
@@ -78,7 +69,6 @@ class MergeMetrics(Model):
     cycle_error_m: float | None
     cycle_error_rad: float | None
     parts: tuple[PartMetrics, ...]
-    parts_rmse_m: float | None
     compared_places: int
     seconds: float
 
@@ -103,7 +93,6 @@ def measure_merge(
     agreeing = [pair.agreement for pair in pairs if pair.agreement is not None]
     crossing = [pair.contradictions for pair in pairs if pair.contradictions is not None]
     cycles = _cycles(merge.alignment, sorted(names))
-    parts, rmse_m = _parts(merge, names, wholes)
     groups = tuple(
         tuple(names[name].name for name in group.logs) for group in merge.alignment.groups
     )
@@ -117,8 +106,7 @@ def measure_merge(
             contradictions=float(np.mean(crossing)) if crossing else None,
             cycle_error_m=max((cycle[0] for cycle in cycles), default=None),
             cycle_error_rad=max((cycle[1] for cycle in cycles), default=None),
-            parts=parts,
-            parts_rmse_m=rmse_m,
+            parts=measure_parts(merge, names, wholes),
             compared_places=merge.compared,
             seconds=seconds,
         ),
@@ -220,47 +208,3 @@ def _cycles(alignment: Alignment, names: list[LogName]) -> list[tuple[float, flo
         else:
             missed.append((math.hypot(round_trip.x, round_trip.y), abs(round_trip.theta)))
     return missed
-
-
-def _parts(
-    merge: Merge, names: dict[LogName, Source], wholes: dict[str, Whole]
-) -> tuple[tuple[PartMetrics, ...], float | None]:
-    """How parts of logs that were split lie, where all parts of one share a frame."""
-    found: list[PartMetrics] = []
-    squares: list[FloatArray] = []
-    for label, whole in wholes.items():
-        members = [name for name, source in names.items() if (source.part or ("",))[0] == label]
-        solution = next(s for s in merge.solutions if members[0] in s)
-        if any(name not in solution for name in members):
-            continue
-        tracks = [_track(merge.graph, name, solution, names[name], whole) for name in members]
-        T_whole_merged = align_team((merged, alone) for merged, alone in tracks).to_array()
-        for name, (merged, alone) in zip(members, tracks, strict=True):
-            placed = compose(T_whole_merged, merged)
-            squares.append(((placed[:, :2] - alone[:, :2]) ** 2).sum(axis=1))
-            turn = float(np.mean(_turns(placed, alone)))
-            middle = alone[:, :2].mean(axis=0) - placed[:, :2].mean(axis=0)
-            found.append(
-                PartMetrics(
-                    name=names[name].name,
-                    placed_m=float(np.hypot(*middle)),
-                    placed_rad=abs(wrap_angle(turn)),
-                )
-            )
-    rmse_m = math.sqrt(float(np.mean(np.concatenate(squares)))) if squares else None
-    return tuple(found), rmse_m
-
-
-def _turns(one: FloatArray, other: FloatArray) -> FloatArray:
-    """Headings (n) of poses n×3 as seen from others."""
-    return compose(invert(other), one)[:, 2]
-
-
-def _track(
-    graph: JointGraph, name: LogName, solution: Solution, source: Source, whole: Whole
-) -> tuple[FloatArray, FloatArray]:
-    """The keyframes (k×3) of a part as merged, and the same scans in the log as one robot."""
-    log = graph.log(name)
-    assert log is not None and source.part is not None
-    scans = [source.part[1] + keyframe.tick for keyframe in log.keyframes]
-    return keyframe_poses(log, solution[name]), whole.poses[scans]

@@ -33,13 +33,13 @@ class MergeError(EarshotError):
 class Source:
     """One robot: its entries, and whether its ranges are simulated (with noise) or a real log's.
 
-    `part` (name of the whole, first scan) where it is a part of a log that was split.
+    `part`: the name of the whole log, and which of its scans is the first here.
     """
 
     name: str
     entries: tuple[Known, ...]
     simulated: bool
-    part: tuple[str, int] | None = None
+    part: tuple[str, int]
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,9 +67,8 @@ def read_sources(paths: list[Path], split: int) -> tuple[list[Source], dict[str,
         for number in range(split):
             first, end = (len(scans) * k // split for k in (number, number + 1))
             entries, _ = _drive(scans[first:end])
-            part = (name, first) if split > 1 else None
             label = f"{name}.{number + 1}" if split > 1 else name
-            sources.append(Source(label, entries, False, part))
+            sources.append(Source(label, entries, False, (name, first)))
     if len(sources) < 2:
         raise MergeError(f"{len(sources)} robot in all: name two logs, or one with --split 2")
     return sources, wholes
@@ -111,7 +110,8 @@ def _recorded(path: Path) -> Iterator[Source]:
                 raise MergeError(f"{file}: {error}") from error
             if (name.log.robot, str(name.log.incarnation)) == (robot, life):
                 entries.append(entry)
-        yield Source(f"{robot}.{life}", tuple(_without_answers(entries)), True)
+        label = f"{robot}.{life}"
+        yield Source(label, tuple(_without_answers(entries)), True, (label, 0))
 
 
 def _without_answers(entries: list[Known]) -> Iterator[Known]:
