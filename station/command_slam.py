@@ -1,16 +1,13 @@
 """`earshot slam LOG`: SLAM on the log of a real robot."""
 
 import argparse
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from station.options import SubParsers, add_command
 
 if TYPE_CHECKING:
-    from station.replay import Progress, ReplaySettings
+    from station.replay import ReplaySettings
 
 EXAMPLES = """examples:
   earshot slam intel.clf
@@ -22,8 +19,6 @@ LOG is a CARMEN log with FLASER lines, plain or gzipped. The folder that is writ
 metrics.json and .txt, trajectory.tum, odometry.tum, graph.g2o, map.yaml with map.pgm, and map.png.
 
 exit codes: 0 done, 2 an error, 130 interrupted"""
-
-PROGRESS_STEPS = 200
 
 
 def add_parser(commands: SubParsers) -> None:
@@ -66,6 +61,7 @@ def add_parser(commands: SubParsers) -> None:
 def run(args: argparse.Namespace) -> int:
     from station.carmen import read_scans
     from station.formats import read_tum, write_text
+    from station.progress_bar import progress_bar
     from station.relations import read_relations, reference_errors, relation_errors
     from station.replay import play
     from station.replay_report import PICTURE, measure_replay, replay_table, write_replay
@@ -78,7 +74,7 @@ def run(args: argparse.Namespace) -> int:
     reference = read_tum(args.reference) if args.reference else None
     folder = run_folder(args.out)
     ensure_warm()
-    with _progress_bar(args.log.name) as progress:
+    with progress_bar(args.log.name) as progress:
         replay = play(scans, settings, progress)
     metrics = measure_replay(
         args.log,
@@ -120,27 +116,3 @@ def _settings(args: argparse.Namespace) -> "ReplaySettings":
         first = error.errors(include_url=False)[0]
         option = "--" + str(first["loc"][0]).removesuffix("_m").removesuffix("_deg")
         raise ReplayError(f"{option.replace('_', '-')}: {first['msg']}") from None
-
-
-@contextmanager
-def _progress_bar(name: str) -> Iterator["Progress"]:
-    """A bar on a terminal's standard error; nothing elsewhere."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
-    from rich.progress import Progress as Bar
-
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-    with Bar(
-        *columns,
-        TimeRemainingColumn(),
-        console=Console(stderr=True),
-        disable=not sys.stderr.isatty(),
-        refresh_per_second=4,
-    ) as bar:
-        task = bar.add_task(name, total=None)
-
-        def progress(done: int, total: int) -> None:
-            if done == total or done % (total // PROGRESS_STEPS + 1) == 0:
-                bar.update(task, completed=done, total=total)
-
-        yield progress

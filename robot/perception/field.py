@@ -37,6 +37,16 @@ class Overlay:
     hits: float
     crossing: float
 
+    @staticmethod
+    def of(sums: FloatArray, weight: float) -> "Overlay":
+        """From what `CorrelationField.compare` says, added up over scans of that weight."""
+        compared, hits, traced, crossing = (float(value) for value in sums)
+        return Overlay(
+            overlap=compared / weight if weight > 0.0 else 0.0,
+            hits=hits / compared if compared > 0.0 else 0.0,
+            crossing=crossing / traced if traced > 0.0 else 1.0,
+        )
+
 
 @dataclass(slots=True)
 class CorrelationField:
@@ -90,25 +100,34 @@ class CorrelationField:
 
         Without `rays` none is traced, which takes most of the time; `crossing` is then 1.
         """
-        compared, hits, traced, crossing = field_kernels.overlay(
-            self.nodes,
-            self.origin,
-            RESOLUTION_M,
-            self.free,
-            FREE_RESOLUTION_M,
-            pose.to_array(),
-            returns.values,
-            len(returns),
-            SIGMA_M,
-            HIT_LEVEL,
-            CROSSING_MARGIN_M if rays else math.inf,
-        )
         weight = float(returns.values[:, 4].sum())
-        return Overlay(
-            overlap=compared / weight if weight > 0.0 else 0.0,
-            hits=hits / compared if compared > 0.0 else 0.0,
-            crossing=crossing / traced if traced > 0.0 else 1.0,
+        return Overlay.of(self.compare(pose, returns, rays), weight)
+
+    def compare(self, pose: Pose2, returns: Returns, rays: bool = True) -> FloatArray:
+        """The sums (4,) an overlay is made of, which add up over scans: weight of the returns where
+        the field knows the place, of those on its walls; rays traced, rays through its walls."""
+        return np.array(
+            field_kernels.overlay(
+                self.nodes,
+                self.origin,
+                RESOLUTION_M,
+                self.free,
+                FREE_RESOLUTION_M,
+                pose.to_array(),
+                returns.values,
+                len(returns),
+                SIGMA_M,
+                HIT_LEVEL,
+                CROSSING_MARGIN_M if rays else math.inf,
+            )
         )
+
+    def on_walls(self, points: FloatArray) -> int:
+        """How many of n×2 points (m, field frame) lie on walls."""
+        cells = np.floor((points - self.origin) / RESOLUTION_M + 0.5).astype(np.int64)
+        inside = (cells >= 0).all(axis=1) & (cells < self.nodes.shape[::-1]).all(axis=1)
+        columns, rows = cells[inside].T
+        return int((self.nodes[rows, columns] >= HIT_LEVEL * 255.0).sum())
 
     def window(self, points: FloatArray, margin_m: float) -> "CorrelationField":
         """A view of the part that holds n×2 points (m, field frame), with a margin round them."""

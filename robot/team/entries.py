@@ -7,9 +7,10 @@ error over a submap of 10 m is below a micrometre), so an engine and the journal
     anchor    [1, index, pose, information]
     keyframe  [2, tick, anchor, pose, covariance, scan]
     closure   [3, of, to, pose, information]
-    link      [4, of, robot, incarnation, to, pose, information]
+    link      [4, of, robot, incarnation, to, pose, information, evidence]
 
 A pose is 3 float32 (x, y, θ), a symmetric 3×3 matrix 6 float32 (upper triangle, row by row).
+Evidence is 5 bytes: the kind, then overlap, hits, crossing and ambiguity in 255ths.
 """
 
 import math
@@ -24,6 +25,7 @@ from protocol.config import RobotConfig
 from protocol.errors import MalformedMessageError
 from protocol.pose import FloatArray, Pose2
 from robot.slam.engine import Anchor, Closure, Entry, Keyframe
+from robot.team.evidence import ASSUMED, Evidence, Kind
 from robot.team.journal import LogName
 from robot.team.scan_codec import MAX_BEAMS, compress_scan, decompress_scan
 
@@ -66,13 +68,14 @@ class Hello:
 @dataclass(frozen=True, slots=True)
 class Link:
     """Anchor `to` of another log as seen from anchor `of` of the log that holds the entry, with
-    information (3×3, tangent space at `to`)."""
+    information (3×3, tangent space at `to`) and what speaks for it."""
 
     of: int
     log: LogName
     to: int
     T_of_to: Pose2
     information: FloatArray
+    evidence: Evidence = ASSUMED
 
 
 Known = Entry | Hello | Link
@@ -96,7 +99,8 @@ def _fields(entry: Known) -> list[Any]:
         return [KEYFRAME, entry.tick, entry.anchor, pose, covariance, compress_scan(entry.ranges)]
     if isinstance(entry, Link):
         pose, information = _pose(entry.T_of_to), _matrix(entry.information)
-        return [LINK, entry.of, *entry.log, entry.to, pose, information]
+        evidence = _shares(entry.evidence)
+        return [LINK, entry.of, *entry.log, entry.to, pose, information, evidence]
     return [CLOSURE, entry.of, entry.to, _pose(entry.T_of_to), _matrix(entry.information)]
 
 
@@ -150,11 +154,19 @@ def _decode_closure(rest: list[Any], _: int) -> Closure:
 
 
 def _decode_link(rest: list[Any], _: int) -> Link:
-    of, robot, incarnation, to, pose, information = rest
+    of, robot, incarnation, to, pose, information, evidence = rest
     if not isinstance(robot, str) or not 0 < len(robot) <= 32:
         raise ValueError("the robot's name is missing")
     log = LogName(robot, _count(incarnation))
-    return Link(_count(of), log, _count(to), _read_pose(pose), _read_matrix(information))
+    kind, *shares = _sized(evidence, 5)
+    return Link(
+        _count(of),
+        log,
+        _count(to),
+        _read_pose(pose),
+        _read_matrix(information),
+        Evidence(Kind(kind), *(share / 255.0 for share in shares)),
+    )
 
 
 _DECODERS: dict[int, Callable[[list[Any], int], Known]] = {
@@ -172,6 +184,11 @@ def _pose(pose: Pose2) -> bytes:
 
 def _matrix(matrix: FloatArray) -> bytes:
     return np.asarray(matrix[UPPER], dtype="<f4").tobytes()
+
+
+def _shares(evidence: Evidence) -> bytes:
+    shares = (evidence.overlap, evidence.hits, evidence.crossing, evidence.ambiguity)
+    return bytes([evidence.kind, *(round(255.0 * min(max(s, 0.0), 1.0)) for s in shares)])
 
 
 def _read_pose(data: object) -> Pose2:

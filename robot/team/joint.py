@@ -32,6 +32,21 @@ class LogGraph:
     links: list[Link] = field(default_factory=list)
 
 
+LinkName = tuple[LogName, int]
+"""The log that holds a link, and its number among the links there."""
+
+
+@dataclass(frozen=True, slots=True)
+class Group:
+    """Logs that share a frame: where their first anchors lie in it, which of those are held there,
+    and which links count. One at least is held."""
+
+    logs: tuple[LogName, ...]
+    starts: tuple[Pose2, ...]
+    held: tuple[bool, ...]
+    links: frozenset[LinkName]
+
+
 @dataclass(frozen=True, slots=True)
 class Problem:
     """A snapshot of all that the joint solution depends on. Logs sorted, arrays by log."""
@@ -87,24 +102,44 @@ class JointGraph:
             log.closures.append(entry)
         return True
 
-    def problem(self) -> Problem:
-        """The present state of all logs that are tied to the team's frame."""
-        names = tuple(
-            name
+    def snapshot(self) -> "JointGraph":
+        """A copy that no later entry changes, for a job."""
+        copy = JointGraph()
+        copy._logs = {
+            name: LogGraph(
+                log.hello, log.anchors[:], log.closures[:], log.keyframes[:], log.links[:]
+            )
+            for name, log in self._logs.items()
+        }
+        return copy
+
+    def known_starts(self) -> Group:
+        """The logs whose robots were told where they start, with every link among them."""
+        starts = {
+            name: log.hello.start
             for name in self.logs()
-            if (hello := self._logs[name].hello) is not None
-            and hello.start is not None
-            and self._logs[name].anchors
-        )
-        chains = [_chain(self._logs[name]) for name in names]
+            if (log := self._logs[name]).hello is not None
+            and log.hello.start is not None
+            and log.anchors
+        }
+        links = frozenset((name, n) for name in starts for n in range(len(self._logs[name].links)))
+        return Group(tuple(starts), tuple(starts.values()), (True,) * len(starts), links)
+
+    def problem(self, group: Group | None = None) -> Problem:
+        """The present state of a group of logs; of those with known starts if none is named."""
+        group = group or self.known_starts()
+        names = group.logs
+        chains = [
+            _chain(self._logs[name], start) for name, start in zip(names, group.starts, strict=True)
+        ]
         sizes = [len(chain) for chain in chains]
         bases = dict(zip(names, np.cumsum([0, *sizes]).tolist(), strict=False))
         edges = _Edges()
         for name in names:
-            self._add_edges(edges, name, bases)
+            self._add_edges(edges, name, bases, group.links)
         poses = np.concatenate(chains) if chains else np.zeros((0, 3))
         fixed = np.zeros(len(poses), dtype=np.bool_)
-        fixed[[bases[name] for name in names]] = True
+        fixed[[bases[name] for name, held in zip(names, group.held, strict=True) if held]] = True
         return Problem(
             names,
             tuple(sizes),
@@ -116,7 +151,13 @@ class JointGraph:
             np.array(edges.robust, dtype=np.bool_),
         )
 
-    def _add_edges(self, edges: "_Edges", name: LogName, bases: dict[LogName, int]) -> None:
+    def _add_edges(
+        self,
+        edges: "_Edges",
+        name: LogName,
+        bases: dict[LogName, int],
+        counted: frozenset[LinkName],
+    ) -> None:
         """What one log says of its own anchors, and of those of others that are there."""
         log, base = self._logs[name], bases[name]
         for anchor in log.anchors[1:]:
@@ -125,7 +166,9 @@ class JointGraph:
         for closure in log.closures:
             of, to = base + closure.of, base + closure.to
             edges.add(of, to, closure.T_of_to, closure.information, True)
-        for link in log.links:
+        for number, link in enumerate(log.links):
+            if (name, number) not in counted:
+                continue
             if link.log in bases and link.to < len(self._logs[link.log].anchors):
                 of, to = base + link.of, bases[link.log] + link.to
                 edges.add(of, to, link.T_of_to, link.information, True)
@@ -197,10 +240,8 @@ def keyframe_poses(log: LogGraph, anchors: FloatArray, since: int = 0) -> FloatA
     return compose(anchors[[keyframe.anchor for keyframe in keyframes]], relative)
 
 
-def _chain(log: LogGraph) -> FloatArray:
-    """The anchors (m×3) as the chain of their own measurements puts them."""
-    assert log.hello is not None and log.hello.start is not None
-    pose = log.hello.start
+def _chain(log: LogGraph, pose: Pose2) -> FloatArray:
+    """The anchors (m×3) as the chain of their own measurements puts them, the first at `pose`."""
     poses = [pose.to_array()]
     for anchor in log.anchors[1:]:
         pose = pose @ anchor.T_previous_anchor

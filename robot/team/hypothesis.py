@@ -1,0 +1,148 @@
+"""Hypotheses: the ways in which two logs may lie to each other, by the matches between them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from protocol.pose import FloatArray, Pose2
+from robot.slam.gaussian import carry, invert_spd
+from robot.team.consistency import Matches, consistent_sets, gathered_covariance, worth
+from robot.team.evidence import Evidence, Kind
+from robot.team.joint import Group, JointGraph, LinkName, Solution, solve
+from robot.team.journal import LogName
+
+MAX_MATCHES = 150
+MAX_HYPOTHESES = 3
+# A sighting says who was seen, so one is worth more than a look-alike place can be.
+SIGHTING_WEIGHT = 2.0
+# Below this a place match says next to nothing.
+LEAST_WEIGHT = 0.02
+
+
+@dataclass(frozen=True, slots=True)
+class LoneLog:
+    """One log solved by itself: its anchors (m×3) in the frame of its first one's own pose, and the
+    covariance (m×3×3) gathered along the chain, in that frame."""
+
+    anchors: FloatArray
+    chain: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Hypothesis:
+    """An alignment that a consistent set of matches speaks for.
+
+    `places` counts the distinct places matched on the side with fewer, `worth` their weights;
+    `sightings` the sightings among the matches. `solution` places both logs in the frame of the
+    first by these matches alone.
+    """
+
+    links: tuple[LinkName, ...]
+    worth: float
+    places: int
+    sightings: int
+    solution: Solution
+
+    def transform(self, a: LogName, b: LogName) -> Pose2:
+        """`T_a_b` between the first anchors of the logs."""
+        first = Pose2.from_array(self.solution[a][0])
+        return first.inverse() @ Pose2.from_array(self.solution[b][0])
+
+
+def solve_alone(graph: JointGraph, name: LogName) -> LoneLog:
+    """A log as its own measurements and closures put it, its first anchor at the origin."""
+    log = graph.log(name)
+    assert log is not None
+    group = Group((name,), (Pose2(0.0, 0.0, 0.0),), (True,), frozenset())
+    anchors = solve(graph.problem(group))[name]
+    relative = np.zeros((len(log.anchors), 3))
+    covariance = np.zeros((len(log.anchors), 3, 3))
+    for k, anchor in enumerate(log.anchors[1:], start=1):
+        relative[k] = anchor.T_previous_anchor.to_array()
+        covariance[k] = invert_spd(anchor.information)
+    return LoneLog(anchors, gathered_covariance(relative, covariance))
+
+
+def weight_of(evidence: Evidence) -> float:
+    """What a match is worth by itself, 0…1 for a place: one without contradiction, whose surfaces
+    agree and which covers much, unlike what is found elsewhere."""
+    if evidence.kind == Kind.SIGHTING:
+        return SIGHTING_WEIGHT
+    agreeing = max(0.0, (evidence.hits - 0.6) / 0.4)
+    crossing = max(0.0, 1.0 - evidence.crossing / 0.12)
+    covering = min(1.0, evidence.overlap / 0.5)
+    return agreeing * crossing * covering
+
+
+def hypotheses(
+    graph: JointGraph, lone: dict[LogName, LoneLog], a: LogName, b: LogName
+) -> list[Hypothesis]:
+    """The ways in which log b may lie to log a, the one of most worth first."""
+    matches, names = _matches(graph, lone, a, b)
+    if not names:
+        return []
+    found = []
+    for chosen in consistent_sets(matches, MAX_HYPOTHESES):
+        links = tuple(names[k] for k in chosen)
+        best = int(chosen[int(np.argmax(matches.weights[chosen]))])
+        T_a_b = (
+            Pose2.from_array(matches.poses_a[best])
+            @ Pose2.from_array(matches.measured[best])
+            @ Pose2.from_array(matches.poses_b[best]).inverse()
+        )
+        places = min(len(np.unique(matches.of[chosen])), len(np.unique(matches.to[chosen])))
+        sightings = sum(_evidence(graph, name).kind == Kind.SIGHTING for name in links)
+        group = Group((a, b), (Pose2(0.0, 0.0, 0.0), T_a_b), (True, False), frozenset(links))
+        found.append(
+            Hypothesis(
+                links, worth(matches, chosen), places, sightings, solve(graph.problem(group))
+            )
+        )
+    return found
+
+
+def _matches(
+    graph: JointGraph, lone: dict[LogName, LoneLog], a: LogName, b: LogName
+) -> tuple[Matches, list[LinkName]]:
+    """What either log says of the other without having assumed it, as seen from log a."""
+    rows = []
+    for holder, other in ((a, b), (b, a)):
+        log = graph.log(holder)
+        assert log is not None
+        for number, link in enumerate(log.links):
+            weight = weight_of(link.evidence)
+            if link.log != other or link.evidence.kind == Kind.NEAR or weight < LEAST_WEIGHT:
+                continue
+            if link.to >= len(lone[other].anchors):
+                continue  # its anchor has not come yet
+            covariance = invert_spd(link.information)
+            if holder == a:
+                row = (link.of, link.to, link.T_of_to, covariance)
+            else:
+                inverse = link.T_of_to.inverse()
+                row = (link.to, link.of, inverse, carry(covariance, inverse))
+            rows.append((-weight, (holder, number), row))
+    rows = sorted(rows, key=lambda row: row[:2])[:MAX_MATCHES]
+    rows.sort(key=lambda row: row[1])
+    of = np.array([row[2][0] for row in rows], dtype=np.int64)
+    to = np.array([row[2][1] for row in rows], dtype=np.int64)
+    return (
+        Matches(
+            of,
+            to,
+            lone[a].anchors[of],
+            lone[b].anchors[to],
+            np.array([row[2][2].to_array() for row in rows]).reshape(-1, 3),
+            np.array([row[2][3] for row in rows]).reshape(-1, 3, 3),
+            lone[a].chain[of],
+            lone[b].chain[to],
+            np.array([-row[0] for row in rows]),
+        ),
+        [row[1] for row in rows],
+    )
+
+
+def _evidence(graph: JointGraph, name: LinkName) -> Evidence:
+    log = graph.log(name[0])
+    assert log is not None
+    return log.links[name[1]].evidence

@@ -1,0 +1,115 @@
+"""A whole log as a map that another can be laid over: the last test of an alignment.
+
+Matches look at a few metres. Where two logs are wrongly aligned, most of what they have in common
+by that alignment was never matched, and there rays of one run through walls of the other.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from protocol.pose import FloatArray, Pose2
+from robot.perception.field import CorrelationField, Overlay
+from robot.perception.returns import Returns, describe_returns
+from robot.perception.scan import LaserScan
+from robot.team.joint import LogGraph, keyframe_poses
+from robot.team.place import USABLE_RANGE_M, spread
+
+# Keyframes nearer than this to the last one used show little that is new.
+APART_M = 0.8
+REACH_M = 12.0
+WALL_SPACING_M = 0.25
+
+
+@dataclass(frozen=True, slots=True)
+class LogScans:
+    """Some of the keyframes of a log, by number, and what their scans say."""
+
+    chosen: tuple[int, ...]
+    scans: tuple[Returns, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class LogMap:
+    """Scans at poses (k×3), what they drew, and the walls as points (n×2), all in one frame."""
+
+    poses: FloatArray
+    scans: tuple[Returns, ...]
+    field: CorrelationField
+    walls: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Overlap:
+    """How two maps lie on each other; shares as in Evidence, `walls_m` the length of wall that
+    both have seen and agree on, each stretch counted once, `crossing_mean` that of both ways."""
+
+    overlap: float
+    hits: float
+    crossing: float
+    walls_m: float
+    crossing_mean: float
+
+
+def choose_scans(log: LogGraph, anchors: FloatArray, noise: FloatArray) -> LogScans:
+    """Keyframes spread over the way of a log with its anchors (m×3); `noise` as in
+    `describe_returns`."""
+    assert log.hello is not None
+    chosen = _apart(keyframe_poses(log, anchors))
+    angles, max_range = log.hello.angles, log.hello.max_range_m
+    reach = min(max_range, USABLE_RANGE_M)
+    return LogScans(
+        tuple(chosen),
+        tuple(
+            describe_returns(LaserScan(log.keyframes[k].ranges, angles, max_range), noise, reach)
+            for k in chosen
+        ),
+    )
+
+
+def draw_log(log: LogGraph, scans: LogScans, anchors: FloatArray) -> LogMap:
+    """The map of a log with its anchors (m×3) placed."""
+    poses = keyframe_poses(log, anchors)[list(scans.chosen)]
+    low, high = poses[:, :2].min(axis=0), poses[:, :2].max(axis=0)
+    field = CorrelationField.around(0.5 * float((high - low).max()) + REACH_M)
+    field.origin = field.origin + 0.5 * (low + high)
+    points = []
+    for pose, scan in zip(poses, scans.scans, strict=True):
+        placed = Pose2.from_array(pose)
+        field.draw(placed, scan)
+        values = scan.values.copy()
+        values[:, :2] = placed.apply(values[:, :2])
+        points.append(values)
+    together = np.concatenate(points)
+    walls = spread(Returns(together, np.zeros(len(together), dtype=np.int64)), WALL_SPACING_M)
+    return LogMap(poses, scans.scans, field, walls.points.copy())
+
+
+def _apart(poses: FloatArray) -> list[int]:
+    chosen: list[int] = []
+    for k in range(len(poses)):
+        last = poses[chosen[-1]] if chosen else np.full(3, np.inf)
+        if math.hypot(poses[k, 0] - last[0], poses[k, 1] - last[1]) >= APART_M:
+            chosen.append(k)
+    return chosen
+
+
+def lay_over(a: LogMap, b: LogMap) -> Overlap:
+    """How two maps in one frame lie on each other; the worse of both ways counts."""
+    (on_a, walls_a), (on_b, walls_b) = _one_way(a, b), _one_way(b, a)
+    return Overlap(
+        max(on_a.overlap, on_b.overlap),
+        min(on_a.hits, on_b.hits),
+        max(on_a.crossing, on_b.crossing),
+        min(walls_a, walls_b),
+        0.5 * (on_a.crossing + on_b.crossing),
+    )
+
+
+def _one_way(a: LogMap, b: LogMap) -> tuple[Overlay, float]:
+    total, weight = np.zeros(4), 0.0
+    for pose, scan in zip(b.poses, b.scans, strict=True):
+        total += a.field.compare(Pose2.from_array(pose), scan)
+        weight += float(scan.values[:, 4].sum())
+    return Overlay.of(total, weight), WALL_SPACING_M * a.field.on_walls(b.walls)

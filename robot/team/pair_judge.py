@@ -1,0 +1,190 @@
+"""The judge of a pair of logs: is there one alignment that all evidence speaks for, and no other?
+
+The matches between two logs are sorted into consistent sets (`hypotheses`); each is solved, and the
+whole maps are laid over each other as it says. A pair is
+
+    unknown         no match between the logs
+    tentative       something speaks for an alignment, but not enough, or as much for another
+    aligned         enough distinct places, whole maps agree, nothing else comes near
+    contradictory   enough distinct places, but the maps do not agree, or other pairs say otherwise
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+
+from protocol.pose import FloatArray, Pose2, wrap_angle
+from robot.team.entries import Link
+from robot.team.evidence import Kind
+from robot.team.hypothesis import Hypothesis, LoneLog, hypotheses, solve_alone
+from robot.team.joint import JointGraph, LinkName
+from robot.team.journal import LogName
+from robot.team.log_map import LogScans, Overlap, choose_scans, draw_log, lay_over
+
+# The whole maps: rays through walls, returns where the other saw none, walls seen by both.
+MAX_CROSSING = 0.06
+MIN_HITS = 0.80
+MIN_WALLS_M = 25.0
+# Distinct places, and what they are worth together.
+MIN_PLACES = 3
+MIN_WORTH = 1.2
+# Two sightings each of which says who was seen need no look-alike places to be ruled out.
+MIN_SIGHTINGS = 2
+MAX_SIGHTED_CROSSING = 0.10
+# Another alignment that comes this near to the best in worth, and does not contradict the maps much
+# more than the best does, leaves it open which is right.
+RIVAL_WORTH = 0.6
+RIVAL_CROSSING = 0.08
+
+
+class State(Enum):
+    """How two logs stand to each other."""
+
+    UNKNOWN = "unknown"
+    TENTATIVE = "tentative"
+    ALIGNED = "aligned"
+    CONTRADICTORY = "contradictory"
+
+
+@dataclass(frozen=True, slots=True)
+class PairView:
+    """How logs `a` and `b` stand, and why. Without a match all but the names is empty.
+
+    `T_a_b` between first anchors, by the matches `links` of this pair alone; `overlap` of the whole
+    maps; `rival`: the worth of the next alignment by that of the best.
+    """
+
+    a: LogName
+    b: LogName
+    state: State
+    reason: str
+    T_a_b: Pose2 | None = None
+    links: tuple[LinkName, ...] = ()
+    worth: float = 0.0
+    places: int = 0
+    sightings: int = 0
+    rival: float = 0.0
+    overlap: Overlap | None = None
+
+
+class PairJudge:
+    """Judges pairs of one graph; what several pairs need of a log is worked out once."""
+
+    def __init__(self, graph: JointGraph, noise: FloatArray) -> None:
+        self._graph = graph
+        self._noise = noise
+        self._lone: dict[LogName, LoneLog] = {}
+        self._scans: dict[LogName, LogScans] = {}
+
+    def known(self, a: LogName, b: LogName) -> PairView:
+        """Two logs that were told where they start."""
+        return PairView(a, b, State.ALIGNED, "their starts are known")
+
+    def pair(self, a: LogName, b: LogName) -> PairView:
+        """How two logs stand, by their own matches."""
+        if not self._have_met(a, b):
+            return PairView(a, b, State.UNKNOWN, "no match between them")
+        lone = {name: self.lone(name) for name in (a, b)}
+        found = hypotheses(self._graph, lone, a, b)
+        if not found:
+            return PairView(a, b, State.UNKNOWN, "no match that is worth anything")
+        best, *others = found
+        enough = best.sightings >= MIN_SIGHTINGS or (
+            best.places >= MIN_PLACES and best.worth >= MIN_WORTH
+        )
+        overlap = self._lay_over(best, a, b) if enough else None
+        state, reason = self._verdict(best, overlap, others, a, b)
+        return PairView(
+            a,
+            b,
+            state,
+            reason,
+            best.transform(a, b),
+            best.links,
+            best.worth,
+            best.places,
+            best.sightings,
+            max((other.worth for other in others), default=0.0) / best.worth,
+            overlap,
+        )
+
+    def lone(self, name: LogName) -> LoneLog:
+        """A log solved by itself."""
+        if name not in self._lone:
+            self._lone[name] = solve_alone(self._graph, name)
+        return self._lone[name]
+
+    def near(self, name: LogName, one: Pose2, other: Pose2, metres: float, radians: float) -> bool:
+        """Whether two poses of a log's first anchor put the log's middle at about one place."""
+        middle = Pose2.from_array(self.lone(name).anchors[len(self.lone(name).anchors) // 2])
+        return _near(one @ middle, other @ middle, metres, radians)
+
+    def agrees(
+        self,
+        holder: LogName,
+        link: Link,
+        starts: Mapping[LogName, Pose2],
+        metres: float,
+        radians: float,
+    ) -> bool:
+        """Whether a link says about what logs whose first anchors lie at `starts` say already."""
+        ours, theirs = self.lone(holder).anchors, self.lone(link.log).anchors
+        if link.to >= len(theirs):
+            return False
+        measured = starts[holder] @ Pose2.from_array(ours[link.of]) @ link.T_of_to
+        return _near(
+            measured, starts[link.log] @ Pose2.from_array(theirs[link.to]), metres, radians
+        )
+
+    def _have_met(self, a: LogName, b: LogName) -> bool:
+        for holder, other in ((a, b), (b, a)):
+            log = self._graph.log(holder)
+            if log and any(
+                link.log == other and link.evidence.kind is not Kind.NEAR for link in log.links
+            ):
+                return True
+        return False
+
+    def _verdict(
+        self,
+        best: Hypothesis,
+        overlap: Overlap | None,
+        others: list[Hypothesis],
+        a: LogName,
+        b: LogName,
+    ) -> tuple[State, str]:
+        if overlap is None:
+            return State.TENTATIVE, f"{best.places} places are too few"
+        sighted = best.sightings >= MIN_SIGHTINGS
+        if overlap.crossing > (MAX_SIGHTED_CROSSING if sighted else MAX_CROSSING):
+            return State.CONTRADICTORY, f"{overlap.crossing:.1%} of the rays cross walls"
+        if sighted:
+            return State.ALIGNED, f"{best.sightings} sightings agree"
+        if overlap.hits < MIN_HITS:
+            return State.CONTRADICTORY, f"only {overlap.hits:.0%} of the returns lie on walls"
+        if overlap.walls_m < MIN_WALLS_M:
+            return State.TENTATIVE, f"{overlap.walls_m:.0f} m of common walls are too few"
+        for other in others:
+            if other.worth >= RIVAL_WORTH * best.worth and (
+                self._lay_over(other, a, b).crossing <= RIVAL_CROSSING
+            ):
+                return State.TENTATIVE, "another alignment fits nearly as well"
+        return State.ALIGNED, f"{best.places} places agree"
+
+    def _lay_over(self, hypothesis: Hypothesis, a: LogName, b: LogName) -> Overlap:
+        """The whole maps as a hypothesis bends them together: before that drift looks like walls
+        that are crossed."""
+        maps = []
+        for name in (a, b):
+            log = self._graph.log(name)
+            assert log is not None
+            if name not in self._scans:
+                self._scans[name] = choose_scans(log, self.lone(name).anchors, self._noise)
+            maps.append(draw_log(log, self._scans[name], hypothesis.solution[name]))
+        return lay_over(*maps)
+
+
+def _near(one: Pose2, other: Pose2, metres: float, radians: float) -> bool:
+    apart = math.hypot(one.x - other.x, one.y - other.y)
+    return apart <= metres and abs(wrap_angle(one.theta - other.theta)) <= radians

@@ -1,0 +1,180 @@
+"""Is one place part of another, and where? A search over all poses, and tests of what it found.
+
+The search finds the pose at which most of a place's landmarks lie on the other's walls, of all
+rotations at which walls of both face the same ways, and what the best pose elsewhere scores. The
+evidence is what the search did not look at: rays of one through walls of the other, returns where
+the other saw free space, both ways.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from protocol.pose import FloatArray, Pose2
+from robot.perception import search_kernels
+from robot.perception.field import RESOLUTION_M, SIGMA_M, Overlay
+from robot.perception.matching import match_returns
+from robot.perception.search import MAX_NODES, SAME_PEAK_M, SEARCH_RESOLUTION_M, Pyramid
+from robot.slam.gaussian import invert_spd
+from robot.team.evidence import Evidence, Kind
+from robot.team.place import DIRECTION_BINS, Place
+
+# Rotations are tried degree by degree where the walls' directions agree to this share of the best.
+SAME_DIRECTIONS = 0.85
+SAME_PEAK_DEG = 15
+SEARCH_FLOOR = 0.45
+# Peaks lower than this share of the best one are no rivals.
+RIVAL_SHARE = 0.75
+# Every so many scans of a place are laid over the other.
+LAY_EVERY = 2
+# What a match of places errs by however many surfaces agree.
+MATCH_FLOOR = np.diag([0.01**2, 0.01**2, 0.003**2])
+# Neighbouring surfaces err together: so many of them count as one.
+CORRELATED = 8.0
+# What is known of a direction in which the surfaces say nothing (1 m, 1 rad).
+UNKNOWN = np.eye(3)
+# What it takes to be worth telling the team.
+MIN_SCORE, MIN_OVERLAP, MIN_HITS, MAX_CROSSING = 0.3, 0.25, 0.75, 0.08
+
+
+@dataclass(frozen=True, slots=True)
+class PlaceMatch:
+    """`T_a_b` between two places' frames with information (3×3, tangent space at b)."""
+
+    T_a_b: Pose2
+    information: FloatArray
+    score: float
+    evidence: Evidence
+
+    @property
+    def objection(self) -> str:
+        """Why this is no match; empty when nothing speaks against it."""
+        evidence = self.evidence
+        if self.score < MIN_SCORE:
+            return "low score"
+        if evidence.overlap < MIN_OVERLAP:
+            return "little overlap"
+        if evidence.hits < MIN_HITS:
+            return "returns where the other is free"
+        if evidence.crossing > MAX_CROSSING:
+            return "rays through walls"
+        return ""
+
+
+@dataclass(frozen=True, slots=True)
+class _Peak:
+    """The best pose of a search with its score, and that of the best pose elsewhere."""
+
+    T_a_b: Pose2
+    score: float
+    rival: float
+
+
+def make_pyramid(place: Place) -> Pyramid:
+    """What searches in a place go through; worth keeping."""
+    return Pyramid.of(place.field, float(max(place.field.nodes.shape)) * RESOLUTION_M)
+
+
+def find_place(a: Place, pyramid: Pyramid, b: Place) -> PlaceMatch | None:
+    """Place b in place a with no idea of where it is; None where nothing looks like it."""
+    peak = _search(a, pyramid, b)
+    if peak is None:
+        return None
+    return match_from(a, b, peak.T_a_b, Kind.PLACE, peak.rival / peak.score)
+
+
+def match_from(
+    a: Place, b: Place, guess: Pose2, kind: Kind = Kind.NEAR, ambiguity: float = 0.0
+) -> PlaceMatch:
+    """Climb from a guess of `T_a_b`, and gather the evidence."""
+    match = match_returns(a.field, b.surfaces, guess)
+    on_a, on_b = _lay_over(a, b, match.T_field_base), _lay_over(b, a, match.T_field_base.inverse())
+    covariance = invert_spd(match.information / CORRELATED + UNKNOWN) + MATCH_FLOOR
+    return PlaceMatch(
+        match.T_field_base,
+        invert_spd(covariance),
+        match.score,
+        Evidence(
+            kind,
+            min(on_a.overlap, on_b.overlap),
+            min(on_a.hits, on_b.hits),
+            max(on_a.crossing, on_b.crossing),
+            ambiguity,
+        ),
+    )
+
+
+def _lay_over(a: Place, b: Place, T_a_b: Pose2) -> Overlay:
+    """How the scans of place b lie on place a."""
+    total, weight = np.zeros(4), 0.0
+    for pose, scan in zip(b.keyframes[::LAY_EVERY], b.scans[::LAY_EVERY], strict=True):
+        total += a.field.compare(T_a_b @ Pose2.from_array(pose), scan)
+        weight += float(scan.values[:, 4].sum())
+    return Overlay.of(total, weight)
+
+
+def _search(a: Place, pyramid: Pyramid, b: Place) -> _Peak | None:
+    """The best pose of b in a. Rotations are about the middle of b, offsets from that of a."""
+    if len(b.landmarks) == 0:
+        return None
+    sigma2 = b.landmarks.values[:, 5] ** 2
+    full = 255.0 * float((SIGMA_M / np.sqrt(SIGMA_M**2 + 2.0 * sigma2)).sum())
+    shape = np.array(a.field.nodes.shape)
+    middle = a.field.origin + 0.5 * RESOLUTION_M * shape[::-1]
+    half_rows, half_columns = (shape // 4 + 1).tolist()
+    floor, best = SEARCH_FLOOR, None
+    scores: list[float] = []
+    for degrees in rotations(a.directions, b.directions):
+        angles = np.radians(degrees)
+        first, second, _ = search_kernels.branch_and_bound(
+            pyramid.levels,
+            _cells(b.landmarks.points - b.centre, angles, middle - a.field.origin),
+            half_rows,
+            half_columns,
+            round(SAME_PEAK_M / SEARCH_RESOLUTION_M),
+            SAME_PEAK_DEG,
+            int(floor * full),
+            MAX_NODES,
+        )
+        total, angle, row, column = first
+        if angle < 0:
+            continue
+        score = total / full
+        scores += [score, second[0] / full]
+        if best is None or score > best.score:
+            x, y = middle + SEARCH_RESOLUTION_M * np.array([column, row])
+            T_a_centre = Pose2(float(x), float(y), float(angles[angle]))
+            T_a_b = T_a_centre @ Pose2(-float(b.centre[0]), -float(b.centre[1]), 0.0)
+            best = _Peak(T_a_b, score, 0.0)
+            floor = max(floor, RIVAL_SHARE * score)
+    if best is None:
+        return None
+    return _Peak(best.T_a_b, best.score, max(sorted(scores)[-2], floor))
+
+
+def rotations(a: FloatArray, b: FloatArray) -> list[FloatArray]:
+    """Groups of neighbouring whole degrees by which walls with the directions b (180) may be turned
+    to face as those with the directions a do; the likeliest first.
+
+    Directions lack their sign, so each group is there twice, half a turn apart.
+    """
+    agreement = np.fft.irfft(np.fft.rfft(a) * np.conj(np.fft.rfft(b)), DIRECTION_BINS)
+    good = agreement >= SAME_DIRECTIONS * agreement.max()
+    if good.all():
+        return [np.arange(360.0)]
+    start = int(np.flatnonzero(~good)[0])
+    around = np.arange(start, start + DIRECTION_BINS)
+    runs = np.split(around, np.flatnonzero(np.diff(good[around % DIRECTION_BINS])) + 1)
+    runs = [run for run in runs if good[run[0] % DIRECTION_BINS]]
+    runs.sort(key=lambda run: -float(agreement[run % DIRECTION_BINS].max()))
+    return [np.arange(run[0] - 1.0, run[-1] + 2.0) + half for run in runs for half in (0.0, 180.0)]
+
+
+def _cells(points: FloatArray, angles: FloatArray, middle: FloatArray) -> np.ndarray:
+    """Rows and columns (angles×n×2, search cells) of points turned and moved to the middle."""
+    c, s = np.cos(angles)[:, None], np.sin(angles)[:, None]
+    x, y = points[:, 0][None, :], points[:, 1][None, :]
+    nodes = np.stack([middle[1] + s * x + c * y, middle[0] + c * x - s * y], axis=-1) / RESOLUTION_M
+    # Search cell k holds the nodes 2k and 2k + 1.
+    cells = np.floor_divide(np.floor(nodes + 0.5), 2.0)
+    return np.ascontiguousarray(cells.astype(np.int64))
