@@ -14,7 +14,7 @@ from protocol.pose import FloatArray, Pose2
 from robot.perception import search_kernels
 from robot.perception.field import RESOLUTION_M, SIGMA_M, Overlay
 from robot.perception.matching import match_returns
-from robot.perception.search import MAX_NODES, SAME_PEAK_M, SEARCH_RESOLUTION_M, Pyramid
+from robot.perception.search import MAX_NODES, SAME_PEAK_M, SEARCH_RESOLUTION_M, Blocks, Pyramid
 from robot.slam.gaussian import invert_spd
 from robot.team.evidence import Evidence, Kind
 from robot.team.place import DIRECTION_BINS, Place
@@ -72,7 +72,8 @@ class _Peak:
 
 def make_pyramid(place: Place) -> Pyramid:
     """What searches in a place go through; worth keeping."""
-    return Pyramid.of(place.field, float(max(place.field.nodes.shape)) * RESOLUTION_M)
+    extent_m = float(max(place.field.nodes.shape)) * RESOLUTION_M
+    return Pyramid.of(Blocks.of(place.field), extent_m)
 
 
 def find_place(a: Place, pyramid: Pyramid, b: Place) -> PlaceMatch | None:
