@@ -2,14 +2,12 @@
 
 About once a second a plan is made as a job on a snapshot of the joint map; between plans the
 pilot drives along the last path. A robot is finished when two plans in a row found nothing left,
-goals that had been given up included. It stays finished unless, later, at least `NOTABLE_M` of
-reachable frontier has appeared (a teammate brought a part of the map that it had not finished
-itself).
+and goals that had been given up were tried again. It stays finished unless, later, at least
+`NOTABLE_M` of reachable frontier has appeared (a teammate brought a part of the map that it had
+not finished itself).
 """
 
 from dataclasses import dataclass
-
-import numpy as np
 
 from protocol.config import RobotConfig
 from protocol.messages import DriveCommand
@@ -20,6 +18,7 @@ from robot.explore.pilot import GridProvider, Pilot, Steering
 from robot.explore.planner import NO_PATH
 from robot.explore.policies import make_policy
 from robot.explore.policy import Plan, Policy, Teammate, View
+from robot.explore.refusals import VISITED_M, Refusals
 from robot.jobs import Jobs
 from robot.perception.odometry import Motion
 from robot.perception.scan import LaserScan
@@ -27,9 +26,6 @@ from robot.perception.scan import LaserScan
 PLAN_DELAY_TICKS = 3
 PLAN_EVERY_S, PLAN_FAR_EVERY_S, LOOK_AGAIN_S = 1.0, 2.0, 5.0
 FAR_M = 4.0
-VISITED_M = 0.30
-SAME_GOAL_M = 1.0
-MOST_RETURNS = 5
 NOTABLE_M = 1.0
 
 
@@ -63,10 +59,7 @@ class Explorer:
         self._planned_from: Pose2 | None = None
         self._plan_due = 0
         self._frontier_m = 0.0
-        self._visited: list[Pose2] = []
-        self._returns: list[tuple[Pose2, int]] = []
-        self._given_up: list[Pose2] = []
-        self._retried = False
+        self._refusals = Refusals(config.tick_s)
         self._exhausted = 0
         self.finished = False
 
@@ -113,10 +106,9 @@ class Explorer:
         if self._policy is None:
             self._policy = make_policy(self._config.policy)
         self._note_lookouts(teammates)
-        refused = [(p.x, p.y) for p in (*self._visited, *self._given_up)]
         view = View(
             self._config.name, tick, grids.snapshot(), pose, self._config.body, teammates,
-            np.array(refused, dtype=np.float64).reshape(-1, 2), self._goal,
+            self._refusals.places(), self._goal,
             grids.lookouts(), self._footprints.visits(), self._config.tick_s,
         )  # fmt: skip
         self._jobs.start("plan", tick, PLAN_DELAY_TICKS, self._policy.plan, view)
@@ -141,10 +133,10 @@ class Explorer:
             self._go(plan)
         elif self._planned_from and plan.goal.distance_to(self._planned_from) <= VISITED_M:
             # Seen from here, and still unknown: no ray gets there.
-            self._visited.append(plan.goal)
+            self._refusals.note_seen(plan.goal)
             self._plan_due = tick
-        elif self._returns_too_often(plan.goal):
-            self._given_up.append(plan.goal)
+        elif self._refusals.returns_too_often(self._goal, plan.goal):
+            self._refusals.give_up(plan.goal)
             self._plan_due = tick
         else:
             self._go(plan)
@@ -162,20 +154,7 @@ class Explorer:
         """
         for mate in teammates:
             if mate.in_range and mate.goal is None and mate.age_ticks <= FRESH_TICKS:
-                known = any(place.distance_to(mate.pose) <= VISITED_M for place in self._visited)
-                if not known:
-                    self._visited.append(mate.pose)
-
-    def _returns_too_often(self, goal: Pose2) -> bool:
-        """Count how often the robot turned to a goal after it had left it for another."""
-        if self._goal is not None and self._goal.distance_to(goal) <= SAME_GOAL_M:
-            return False
-        for place, (other, count) in enumerate(self._returns):
-            if other.distance_to(goal) <= SAME_GOAL_M:
-                self._returns[place] = (other, count + 1)
-                return count >= MOST_RETURNS
-        self._returns.append((goal, 0))
-        return False
+                self._refusals.note_seen(mate.pose)
 
     def _stand(self) -> None:
         self._goal = None
@@ -184,23 +163,30 @@ class Explorer:
     def _note_exhausted(self, tick: int) -> None:
         self._exhausted += 1
         self._plan_due = tick
-        if self._given_up and not self._retried:
-            self._given_up, self._retried, self._exhausted = [], True, 0
-            self._returns = []
+        if self._refusals.retry():
+            self._exhausted = 0
         self.finished = self._exhausted >= 2
 
     def _note(self, tick: int, steering: Steering) -> None:
-        if steering.gave_up and self._goal is not None:
+        if self._goal is not None and (steering.gave_up or self._is_stalled(tick)):
             if self._explores:
-                self._given_up.append(self._goal)
+                self._refusals.give_up(self._goal)
             else:
                 self._footprints.mark(tick, self._goal)
-            self._goal = None
+            self._stand()
+            self._plan_due = tick
         if steering.wants_plan:
             self._plan_due = tick
 
+    def _is_stalled(self, tick: int) -> bool:
+        if self._goal is None or self._pilot.recovering or not len(self._pilot.path):
+            return False
+        return self._refusals.is_stalled(tick, self._goal, self._pilot.remaining_m)
+
     def _activity(self) -> str:
         if self.finished:
+            if self._refusals.given_up:
+                return f"done: gave up on {len(self._refusals.given_up)} places out of reach"
             return "done: nothing reachable is left"
         if self._goal is None:
             return f"standing: {self._reason}"
