@@ -3,8 +3,9 @@
 from itertools import pairwise
 
 from maps.box import Box
-from maps.building import Building, BuildingError
+from maps.building import Building
 from maps.furniture import furnish, put_legs
+from maps.office_layouts import open_rooms
 
 SHUT = 0.12
 """The share of rooms that are not there for a robot: shut, or a shaft or a stairwell."""
@@ -26,14 +27,7 @@ def build_institute(building: Building) -> None:
         corridors += _crossings(building, corridors)
     for box in (*rooms, *corridors):
         building.clear(box)
-    for room in rooms:
-        if not any(building.join_through_wall(room, corridor) for corridor in corridors):
-            raise BuildingError(
-                "a room has no wall in common with a corridor: enlarge room_width_m"
-            )
-    for first, second in pairwise(rooms):
-        if building.rng.random() < 0.2:
-            building.join_through_wall(first, second)
+    open_rooms(building, rooms, corridors)
     for room in rooms:
         _put_pillars(building, room)
         furnish(building, room, config.things_per_room)

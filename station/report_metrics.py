@@ -9,23 +9,10 @@ from protocol.model import Model
 from station.hashes import run_hashes
 from station.observer import RunOutcome
 from world.last_words import WireCount
-from world.referee import Accuracy, RadioScore, Referee, RobotScore
+from world.referee import Accuracy, LedgerScore, RadioScore, Referee, RobotScore, WallScore
 
 PACKAGES = ("earshot-slam", "numpy", "numba", "scipy", "eclipse-zenoh", "pydantic", "qdldl")
 WORLD = "world"
-
-
-class WallMetrics(Model):
-    """Shares of wall cells, within one cell: of the true ones mapped, of the mapped ones true."""
-
-    recall: float | None
-    precision: float | None
-
-
-class LedgerMetrics(Model):
-    """Whether what the robots say they sent and heard is what the world counted."""
-
-    equal: bool | None
 
 
 class RobotMetrics(RobotScore):
@@ -56,11 +43,11 @@ class Metrics(Model):
     coverage: float | None
     coverage_worst_joint: float | None
     target_m2: float = Field(description="area that coverage is a share of")
-    walls: WallMetrics
+    walls: WallScore
     team: Accuracy
     robots: dict[str, RobotMetrics]
     collisions: int
-    ledger: LedgerMetrics
+    ledger: LedgerScore
     radio: RadioScore
     messages_lost: int | None
     peak_rss_mb: dict[str, float | None]
@@ -74,8 +61,6 @@ def measure(outcome: RunOutcome) -> Metrics:
     score = Referee(simulation).score(
         {name: (robot.map, robot.trajectory) for name, robot in robots.items()}
     )
-    mapped = any(robot.map is not None for robot in robots.values())
-    told = any(robot.trajectory is not None for robot in robots.values())
     sim_s = max(simulation.stamp, 0.0)  # interrupted before tick 0, no time has passed
     return Metrics(
         map=simulation.scenario.map,
@@ -85,13 +70,10 @@ def measure(outcome: RunOutcome) -> Metrics:
         sim_s=sim_s,
         wall_s=outcome.wall_s,
         realtime_factor=sim_s / outcome.wall_s if outcome.wall_s > 0.0 else None,
-        coverage=score.coverage if mapped else None,
-        coverage_worst_joint=score.coverage_worst_joint if mapped else None,
+        coverage=score.coverage,
+        coverage_worst_joint=score.coverage_worst_joint,
         target_m2=score.target_m2,
-        walls=WallMetrics(
-            recall=score.walls.recall if mapped else None,
-            precision=score.walls.precision if mapped else None,
-        ),
+        walls=score.walls,
         team=score.team,
         robots={
             name: RobotMetrics(
@@ -104,7 +86,7 @@ def measure(outcome: RunOutcome) -> Metrics:
             for name, robot in score.robots.items()
         },
         collisions=score.collisions,
-        ledger=LedgerMetrics(equal=score.ledger.equal if told else None),
+        ledger=score.ledger,
         radio=score.radio,
         messages_lost=messages_lost(outcome),
         peak_rss_mb={

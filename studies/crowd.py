@@ -8,12 +8,9 @@ was made in the set-up is kept out of Python's garbage collection: looking throu
 again is no part of a tick.
 """
 
-import argparse
 import gc
-import json
 import sys
 import time
-from pathlib import Path
 
 import numpy as np
 
@@ -21,6 +18,7 @@ from maps.building import BuildingConfig
 from maps.generator import make_building
 from protocol.errors import EarshotError
 from protocol.messages import Action, DriveCommand, Sense
+from studies.command import print_figures, study_parser, write_figures
 from world.scenario import RobotSpec, Scenario
 from world.simulation import Simulation
 
@@ -82,25 +80,18 @@ def wander(sense: Sense) -> Action:
 
 
 def main(argv: list[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(
-        prog="python -m studies.crowd",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = study_parser("studies.crowd", __doc__)
     parser.add_argument("--robots", type=int, default=1000)
     parser.add_argument("--ticks", type=int, default=200)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--json", type=Path, metavar="FILE")
     arguments = parser.parse_args(argv)
     try:
         result = measure(arguments.robots, arguments.ticks, arguments.seed)
     except EarshotError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
-    for name, value in result.items():
-        print(f"{name:>30}  {value:.4g}")
-    if arguments.json:
-        arguments.json.write_text(json.dumps(result, indent=2) + "\n")
+    print_figures(result)
+    write_figures(result, arguments.json)
     return 0
 
 

@@ -11,7 +11,6 @@ third run it pours into a bus of its own, and what is lost against that is lost 
 """
 
 import argparse
-import json
 import statistics
 import sys
 import tempfile
@@ -34,6 +33,7 @@ from station.child import Spawned, children
 from station.free_port import free_port
 from station.hosts import Timed, Unwatched
 from station.warm_up import ensure_warm
+from studies.command import print_figures, study_parser, write_figures
 from world.process import WorldProcess
 from world.scenario import PaceConfig, RobotSpec, Scenario
 from world.simulation import Simulation
@@ -174,15 +174,10 @@ def measure(rounds: int, wire_s: float, team_s: float) -> dict[str, float]:
 
 
 def main(argv: list[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(
-        prog="python -m studies.flood",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = study_parser("studies.flood", __doc__)
     parser.add_argument("--rounds", type=int, default=3)
     parser.add_argument("--wire-s", type=float, default=60.0, metavar="S", help="simulated")
     parser.add_argument("--team-s", type=float, default=40.0, metavar="S", help="simulated")
-    parser.add_argument("--json", type=Path, metavar="FILE")
     parser.add_argument("--be", metavar="NAME", help=argparse.SUPPRESS)
     parser.add_argument("--connect", help=argparse.SUPPRESS)
     parser.add_argument("--keys", type=Path, help=argparse.SUPPRESS)
@@ -200,10 +195,8 @@ def main(argv: list[str] | None = None) -> int:
     except EarshotError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
-    for name, value in result.items():
-        print(f"{name:>28}  {value:.4g}")
-    if arguments.json:
-        arguments.json.write_text(json.dumps(result, indent=2) + "\n")
+    print_figures(result)
+    write_figures(result, arguments.json)
     return 0
 
 

@@ -8,21 +8,19 @@ to a tick is timed. Otherwise every frame is checked, and the check knows nothin
 code: it follows every frame by a number in its payload, and measures distances itself.
 """
 
-import argparse
-import json
 import math
 import struct
 import sys
 import time
 from collections import Counter
 from collections.abc import Mapping
-from pathlib import Path
 
 import numpy as np
 
 from maps.grid import OccupancyGrid
 from protocol.config import BROADCAST
 from protocol.messages import RadioFrame
+from studies.command import print_figures, study_parser, write_figures
 from world.channel import Channel
 from world.ledger import Verdict
 from world.noise import Noise
@@ -129,11 +127,7 @@ def _with_ledger(radio: Radio, counts: Counter[str]) -> dict[str, int]:
 
 
 def main(argv: list[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(
-        prog="python -m studies.gate",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = study_parser("studies.gate", __doc__)
     parser.add_argument("--frames", type=int, default=1_000_000)
     parser.add_argument("--load", action="store_true", help="time the gate in place of checking")
     parser.add_argument("--ticks", type=int, default=2000, help="of --load")
@@ -141,17 +135,14 @@ def main(argv: list[str] | None = None) -> int:
         "--model", choices=("disc", "line-of-sight", "shadowing"), default="disc", help="of --load"
     )
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--json", type=Path, metavar="FILE")
     arguments = parser.parse_args(argv)
     result: Mapping[str, float]
     if arguments.load:
         result = load(arguments.ticks, arguments.seed, arguments.model)
     else:
         result = check(arguments.frames, arguments.seed)
-    for name, value in result.items():
-        print(f"{name:>30}  {value:.10g}")
-    if arguments.json:
-        arguments.json.write_text(json.dumps(result, indent=2) + "\n")
+    print_figures(result)
+    write_figures(result, arguments.json)
     wrong = ("delivered_beyond_range", "lost_in_range_without_reason")
     return 1 if any(result.get(name) for name in wrong) else 0
 

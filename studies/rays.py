@@ -7,8 +7,6 @@ to 0.05 m cells; the window is the one with the most free ground. Every range mu
 bit, that of a walk which computes each border anew.
 """
 
-import argparse
-import json
 import math
 import sys
 import time
@@ -25,6 +23,7 @@ from maps.library import load_map
 from protocol.errors import EarshotError
 from protocol.pose import FloatArray
 from studies import walk_kernels
+from studies.command import study_parser, write_figures
 from world import ray_kernels
 from world.terrain import Terrain
 
@@ -81,18 +80,13 @@ def window(grid: OccupancyGrid) -> OccupancyGrid:
 
 
 def main(argv: list[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(
-        prog="python -m studies.rays",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = study_parser("studies.rays", __doc__)
     parser.add_argument(
         "--map", action="append", required=True, help="a map; may be given several times"
     )
     parser.add_argument("--poses", type=int, default=1000)
     parser.add_argument("--rounds", type=int, default=9)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--json", type=Path, metavar="FILE")
     arguments = parser.parse_args(argv)
     results = {}
     try:
@@ -108,8 +102,7 @@ def main(argv: list[str] | None = None) -> int:
     except EarshotError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
-    if arguments.json:
-        arguments.json.write_text(json.dumps(results, indent=2) + "\n")
+    write_figures(results, arguments.json)
     return 1 if any(found["beams_that_differ"] for found in results.values()) else 0
 
 

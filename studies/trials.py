@@ -23,6 +23,7 @@ from station.launch import launch
 from station.observer import RunOutcome
 from station.report import write_report
 from station.scenario_file import changed, read_scenario
+from studies.command import study_parser, write_figures
 from world.scenario import Scenario
 
 COLUMNS = (
@@ -129,11 +130,7 @@ def parse_seeds(text: str) -> list[int]:
 
 
 def _arguments(argv: list[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        prog="python -m studies.trials",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = study_parser("studies.trials", __doc__)
     parser.add_argument("scenario", nargs="?", type=Path, help="a scenario file")
     parser.add_argument("--map", help="a shipped map or a map_server YAML file")
     parser.add_argument("--robots", type=int, help="how many robots")
@@ -141,14 +138,13 @@ def _arguments(argv: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--seeds", type=parse_seeds, default=list(range(10)), help="e.g. 0-9")
     parser.add_argument("--workers", type=int, default=2, help="runs side by side")
     parser.add_argument("--out", type=Path, help="folder for the reports, runs/trials by default")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write all metrics there")
     return parser.parse_args(argv)
 
 
 def _scenario(arguments: argparse.Namespace) -> Scenario:
     scenario = read_scenario(arguments.scenario) if arguments.scenario else Scenario()
     path = Path(arguments.map) if arguments.map else None
-    name = str(path.resolve()) if path and path.suffix else arguments.map
+    name = str(path.resolve()) if path and path.is_file() else arguments.map
     return changed(
         scenario, {"map": name, "radio": {"range_m": arguments.range}}, robots=arguments.robots
     )
@@ -172,8 +168,7 @@ def main(argv: list[str] | None = None) -> int:
         print(f"error: {error}", file=sys.stderr)
         return 2
     print(table(rows))
-    if arguments.json:
-        arguments.json.write_text(json.dumps(rows, indent=2) + "\n")
+    write_figures(rows, arguments.json)
     print(f"reports: {out}")
     return 0
 

@@ -42,7 +42,7 @@ class Channel:
             terrain = self._terrain
             cells = terrain.to_cells(poses[..., :2]).reshape(-1, n, 2)
             many = faded.reshape(-1, n, n)
-            channel_kernels.fade_all(terrain.solid, cells, *self._budget(), self._waves, many)
+            channel_kernels.fade_all(terrain.solid, cells, self._budget(), self._waves, many)
         return faded
 
     def heard(self, at: tuple[float, float]) -> BoolArray:
@@ -56,22 +56,24 @@ class Channel:
             x, y = terrain.to_cells(np.array(at)).tolist()
             cells = terrain.to_cells(points)
             channel_kernels.fade_from(
-                terrain.solid, x, y, cells, *self._budget(), self._waves, faded
+                terrain.solid, x, y, cells, self._budget(), self._waves, faded
             )
         found = np.zeros(grid.cells.shape, dtype=bool)
         found[rows, columns] = near & ~faded
         return found
 
-    def _budget(self) -> tuple[float, float, float, float, float]:
-        """What the kernels take: reach, exponent, dB per cell of wall, deviation, length."""
+    def _budget(self) -> FloatArray:
+        """What a link may lose, as the kernels take it: in cells and dB."""
         config, cell = self._config, self._terrain.cell
         walls = config.model == "line-of-sight"
-        return (
-            config.range_m / cell,
-            config.path_loss_exponent,
-            config.wall_loss_db_per_m * cell if walls else 0.0,
-            0.0 if walls else config.shadowing_sigma_db,
-            config.shadowing_length_m / cell,
+        return np.array(
+            [
+                config.range_m / cell,
+                config.path_loss_exponent,
+                config.wall_loss_db_per_m * cell if walls else 0.0,
+                0.0 if walls else config.shadowing_sigma_db,
+                config.shadowing_length_m / cell,
+            ]
         )
 
 

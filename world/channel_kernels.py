@@ -76,23 +76,26 @@ def too_weak(
     y: float,
     to_x: float,
     to_y: float,
-    reach: float,
-    exponent: float,
-    wall_db: float,
-    sigma_db: float,
-    length: float,
+    budget: FloatArray,
     waves: FloatArray,
 ) -> bool:
-    """Whether a link up to `reach` long has less than nothing left of its budget."""
+    """Whether a link up to reach long has less than nothing left of its budget.
+
+    `budget` (5): the reach; the exponent, so that over the distance r there are
+    10 · exponent · log10(reach / r) dB to lose; what walls take (dB per cell that the link runs
+    through them); the standard deviation (dB) of shadowing and its decorrelation length.
+    """
+    reach, exponent, wall_db = budget[0], budget[1], budget[2]
+    sigma_db, length = budget[3], budget[4]
     apart = math.hypot(to_x - x, to_y - y)
     if apart == 0.0 or apart > reach:
         return False
-    budget = 10.0 * exponent * math.log10(reach / apart)
+    left = 10.0 * exponent * math.log10(reach / apart)
     if sigma_db > 0.0:
-        budget -= sigma_db * shadow(waves, x, y, to_x, to_y, length)
-    if budget < 0.0 or wall_db == 0.0:
-        return budget < 0.0
-    enough = budget / wall_db
+        left -= sigma_db * shadow(waves, x, y, to_x, to_y, length)
+    if left < 0.0 or wall_db == 0.0:
+        return left < 0.0
+    enough = left / wall_db
     return solid_between(solid, x, y, to_x, to_y, enough) > enough
 
 
@@ -102,59 +105,31 @@ def fade_from(
     x: float,
     y: float,
     points: FloatArray,
-    reach: float,
-    exponent: float,
-    wall_db: float,
-    sigma_db: float,
-    length: float,
+    budget: FloatArray,
     waves: FloatArray,
     faded: BoolArray,
 ) -> None:
-    """`faded` (n): `points` (n×2) up to `reach` from (x, y) where the signal is too weak; the rest
-    as for `fade_all`."""
+    """`faded` (n): `points` (n×2) in reach of (x, y) where the signal is too weak."""
     for i in range(points.shape[0]):
-        faded[i] = too_weak(
-            solid,
-            x,
-            y,
-            points[i, 0],
-            points[i, 1],
-            reach,
-            exponent,
-            wall_db,
-            sigma_db,
-            length,
-            waves,
-        )
+        faded[i] = too_weak(solid, x, y, points[i, 0], points[i, 1], budget, waves)
 
 
 @kernel
 def fade_all(
     solid: BoolArray,
     points: FloatArray,
-    reach: float,
-    exponent: float,
-    wall_db: float,
-    sigma_db: float,
-    length: float,
+    budget: FloatArray,
     waves: FloatArray,
     faded: BoolArray,
 ) -> None:
-    """`faded` (T×n×n): pairs up to `reach` apart whose signal is too weak, at each row of `points`
-    (T×n×2).
-
-    Over the distance r the budget is 10 · exponent · log10(reach / r) dB. A wall takes `wall_db`
-    per cell that the link runs through it; shadowing has the deviation `sigma_db` and the
-    decorrelation `length`.
-    """
+    """`faded` (T×n×n): pairs in reach of each other whose signal is too weak, at each row of
+    `points` (T×n×2)."""
     ticks, n = points.shape[0], points.shape[1]
     for tick in range(ticks):
         for i in range(n):
+            x, y = points[tick, i, 0], points[tick, i, 1]
             faded[tick, i, i] = False
             for k in range(i + 1, n):
-                x, y = points[tick, i, 0], points[tick, i, 1]
                 to_x, to_y = points[tick, k, 0], points[tick, k, 1]
-                weak = too_weak(
-                    solid, x, y, to_x, to_y, reach, exponent, wall_db, sigma_db, length, waves
-                )
+                weak = too_weak(solid, x, y, to_x, to_y, budget, waves)
                 faded[tick, i, k] = faded[tick, k, i] = weak

@@ -13,6 +13,7 @@ from protocol.pose import FloatArray
 
 BoolArray = npt.NDArray[np.bool_]
 ByteArray = npt.NDArray[np.uint8]
+IntArray = npt.NDArray[np.int64]
 
 
 @inlined
@@ -88,6 +89,8 @@ def drive_all(
     clearance: ByteArray,
     poses: FloatArray,
     motions: FloatArray,
+    starts: IntArray,
+    others: IntArray,
     radius: float,
     stride: float,
     blocked: BoolArray,
@@ -95,7 +98,8 @@ def drive_all(
     """Move robots one after the other along arcs, each until something is in its way.
 
     `poses` (n×3: cells, cells, rad) is changed in place; `motions` (n×2) holds length (cells) and
-    turn (rad). `clearance` (h×w): free cells around each cell, in all directions. A robot that is
+    turn (rad). `clearance` (h×w): free cells around each cell, in all directions. `starts` and
+    `others` name, as `neighbours` gives them, all who can touch in this motion. A robot that is
     `blocked` (n) stands where it touched and goes on turning on the spot.
     """
     n = poses.shape[0]
@@ -107,12 +111,10 @@ def drive_all(
         reach = radius + abs(forward)
         open_ground = clearance[math.floor(y), math.floor(x)] - 1.0 >= reach
         count = 0
-        for k in range(n):
-            to_x, to_y = abs(poses[k, 0] - x), abs(poses[k, 1] - y)
-            if to_x < reach + radius and to_y < reach + radius and k != i:
-                if math.hypot(to_x, to_y) < reach + radius:
-                    open_ground = False
-                # Those farther away are out of touch wherever the robot gets to in this motion.
+        for k in others[starts[i] : starts[i + 1]]:
+            # Those farther away are out of touch wherever the robot gets to in this motion.
+            if math.hypot(poses[k, 0] - x, poses[k, 1] - y) < reach + radius:
+                open_ground = False
                 near[count, 0], near[count, 1] = poses[k, 0], poses[k, 1]
                 count += 1
         share = 1.0

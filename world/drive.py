@@ -1,5 +1,6 @@
 """Differential drives: limits, motion over a tick, contact, and what the encoders count."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -8,7 +9,7 @@ import numpy.typing as npt
 from maps.grid import BoolArray
 from protocol.config import BodyConfig
 from protocol.pose import FloatArray
-from world import disc_kernels
+from world import disc_kernels, neighbour_kernels
 from world.noise import Noise
 from world.terrain import Terrain
 
@@ -64,12 +65,17 @@ class Drives:
         poses = terrain.to_cells(self.poses)
         motions = motions / np.array([terrain.cell, 1.0])
         blocked = np.zeros(len(poses), dtype=bool)
+        radius = self._body.radius_m / terrain.cell
+        touch = 2.0 * (radius + np.abs(motions[:, 0]).max())
+        starts, others = neighbour_kernels.neighbours(poses, touch)
         disc_kernels.drive_all(
             terrain.solid,
             terrain.clearance,
             poses,
             motions,
-            self._body.radius_m / terrain.cell,
+            starts,
+            others,
+            radius,
             STRIDE_M / terrain.cell,
             blocked,
         )
@@ -88,12 +94,20 @@ class Drives:
         body = self._body
         half_base = 0.5 * body.wheel_base_m
         travel = motions[:, :1] + motions[:, 1:] * np.array([-half_base, half_base])
-        draws, slips = np.zeros((len(travel), 2, 2)), np.zeros((len(travel), 2))
-        for i in np.flatnonzero(travel.any(axis=1)).tolist():
-            rng = noise.at(self._names[i], "encoders", tick)
-            rng.standard_normal(out=draws[i])
-            slips[i] = rng.poisson(body.slip_rate_hz * tick_s, 2)
-        # k slips of standard deviation s together are one of s √k.
-        slips *= travel != 0.0
+        draws = noise.stream(self._names, "encoders").normals(tick, 4).reshape(-1, 2, 2)
+        luck = noise.stream(self._names, "slips").uniforms(tick, 2)
+        # k slips of standard deviation s together are one of s √k. Who stands does not slip.
+        slips = poisson(luck, body.slip_rate_hz * tick_s) * (travel != 0.0)
         self._wheels += travel * (1.0 + body.encoder_noise * draws[:, 0])
         self._wheels += body.slip_m * np.sqrt(slips) * draws[:, 1]
+
+
+def poisson(uniforms: FloatArray, mean: float) -> FloatArray:
+    """Poisson numbers of a mean up to a few hundred, from uniform ones in [0, 1) by inversion."""
+    counts = np.zeros_like(uniforms)
+    term = total = math.exp(-mean)
+    while term > 0.0 and (more := uniforms >= total).any():
+        counts += more
+        term *= mean / counts.max()
+        total += term
+    return counts

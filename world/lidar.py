@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from protocol.config import LidarConfig
 from protocol.pose import FloatArray
-from world import ray_kernels
+from world import neighbour_kernels, ray_kernels
 from world.noise import Noise
 from world.terrain import Terrain
 
@@ -38,21 +38,24 @@ class Lidars:
         Other robots' discs are seen. +inf: nothing within range; 0: nearer than the minimum.
         """
         config = self._config
-        draws = np.empty((len(poses), 2, config.beams))
-        for i, name in enumerate(self._names):
-            noise.at(name, "lidar", tick).standard_normal(out=draws[i])
+        draws = noise.stream(self._names, "lidar").normals(tick, 2 * config.beams)
         # Neighbours one after the other: they look at the same part of the map, which is then
         # still at hand.
         order = np.lexsort(np.floor(poses[:, :2].T / config.max_range_m))
+        cells = terrain.to_cells(poses)
+        reach = (config.max_range_m + self._radius_m) / terrain.cell
+        starts, others = neighbour_kernels.neighbours(cells, reach)
         ranges = np.empty((len(poses), config.beams), dtype=np.float32)
         ray_kernels.scan_all(
             terrain.squares,
-            terrain.to_cells(poses),
+            cells,
             order,
+            starts,
+            others,
             self._radius_m / terrain.cell,
             self._angles,
             config.sigma_angle_rad,
-            draws,
+            draws.reshape(-1, 2, config.beams),
             config.min_range_m,
             config.max_range_m,
             np.array(SPREAD[config.noise]),

@@ -158,10 +158,6 @@ class Radio:
         n = len(self._names)
         if self._config.loss == 0.0:
             return np.zeros((len(senders), n))
-        return np.concatenate(
-            [
-                noise.at(self._names[s], "loss", tick).random((count, n))
-                for s, count in enumerate(np.bincount(senders, minlength=n).tolist())
-                if count
-            ]
-        )
+        # Frames stand in the order of their senders.
+        items = np.arange(len(senders)) - np.searchsorted(senders, senders)
+        return noise.stream(self._names, "loss").uniforms_of(tick, senders, items, n)

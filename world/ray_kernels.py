@@ -1,9 +1,10 @@
 """Compiled loops over the terrain: rays and scans.
 
 All lengths inside are in cells and cell (r, c) covers [c, c+1) × [r, r+1). The grid has a rim of
-solid cells, so that a ray cannot leave it. `squares[q, r, c]` (4×h×w, uint8) is the side of the
-largest square of free cells that has cell (r, c) as its corner and extends in quadrant q: 0 (+x,
-+y), 1 (−x, +y), 2 (+x, −y), 3 (−x, −y). It is 0 where the cell is solid.
+solid cells, so that a ray cannot leave it. The square of a cell in a quadrant, 0 (+x, +y), 1 (−x,
++y), 2 (+x, −y) or 3 (−x, −y), is the largest one of free cells that has the cell as its corner and
+extends into that quadrant; its side is 0 where the cell is solid. `squares` (4×⌈h/8⌉×⌈w/8⌉×64,
+uint8) holds the sides by quadrant in tiles of 8 × 8 cells; `side_at` finds one.
 """
 
 import math
@@ -24,9 +25,31 @@ BESIDE = 1e-7
 PARALLEL = 1e-12
 
 
+@inlined
+def side_at(field: ByteArray, r: int, c: int) -> int:
+    """The side of the square of cell (r, c), of one quadrant's tiles.
+
+    A tile is a line of the processor's cache: whichever way a ray goes, most of its next look-ups
+    are near by, and in few pages of memory.
+    """
+    return int(field[r >> 3, c >> 3, (r & 7) << 3 | (c & 7)])
+
+
+@kernel
+def tiled(sides: ByteArray) -> ByteArray:
+    """`squares`, from what `free_squares` gives."""
+    quadrants, height, width = sides.shape
+    squares = np.zeros((quadrants, (height + 7) >> 3, (width + 7) >> 3, 64), np.uint8)
+    for q in range(quadrants):
+        for r in range(height):
+            for c in range(width):
+                squares[q, r >> 3, c >> 3, (r & 7) << 3 | (c & 7)] = sides[q, r, c]
+    return squares
+
+
 @kernel
 def free_squares(solid: BoolArray) -> ByteArray:
-    """`squares` of a boolean grid h×w whose rim is solid; sides are capped at 255."""
+    """The sides (4×h×w) of a boolean grid h×w whose rim is solid, at most 255."""
     height, width = solid.shape
     squares = np.zeros((4, height, width), np.uint8)
     for q in range(4):
@@ -127,12 +150,12 @@ def cast(squares: ByteArray, x: float, y: float, dx: float, dy: float, limit: fl
     ix, iy = inverse(dx), inverse(dy)
     field = squares[quadrant(dx, dy)]
     t = 0.0
-    side = int(field[r, c])
+    side = side_at(field, r, c)
     while side > 0:
         t, c, r = leap(x, y, dx, dy, ix, iy, c, r, side)
         if t > limit:
             return math.inf
-        side = int(field[r, c])
+        side = side_at(field, r, c)
     return t
 
 
@@ -158,10 +181,10 @@ def cast_fan(
         dx, dy = slopes[0, j], slopes[1, j]
         slopes[2, j], slopes[3, j] = inverse(dx), inverse(dy)
         cells[0, j], cells[1, j] = column, row
-        cells[2, j] = squares[quadrant(dx, dy), row, column]
+        cells[2, j] = side_at(squares[quadrant(dx, dy)], row, column)
         cells[3, j] = j
         ranges[j] = 0.0
-    active = m if squares[0, row, column] > 0 else 0
+    active = m if side_at(squares[0], row, column) > 0 else 0
     while active > 0:
         left = 0
         for k in range(active):
@@ -170,7 +193,7 @@ def cast_fan(
             t, c, r = leap(
                 x, y, dx, dy, slopes[2, j], slopes[3, j], cells[0, j], cells[1, j], cells[2, j]
             )
-            side = int(squares[quadrant(dx, dy), r, c]) if t <= limit else 0
+            side = side_at(squares[quadrant(dx, dy)], r, c) if t <= limit else 0
             cells[0, j], cells[1, j], cells[2, j] = c, r, side
             ranges[j] = t if t <= limit else math.inf
             cells[3, left] = j
@@ -204,22 +227,6 @@ def cast_disc(dx: float, dy: float, to_x: float, to_y: float, radius: float) -> 
     if half2 <= 0.0 or along <= 0.0:
         return math.inf
     return max(along - math.sqrt(half2), 0.0)
-
-
-@inlined
-def list_near(poses: FloatArray, i: int, reach: float, near: FloatArray) -> int:
-    """The offsets from robot i to the others up to `reach` (cells): the first rows of `near`
-    (n×2), and how many they are."""
-    count = 0
-    for k in range(poses.shape[0]):
-        to_x, to_y = poses[k, 0] - poses[i, 0], poses[k, 1] - poses[i, 1]
-        # Most are far away, and the square root is the dearest part.
-        if k == i or abs(to_x) > reach or abs(to_y) > reach:
-            continue
-        if math.hypot(to_x, to_y) <= reach:
-            near[count, 0], near[count, 1] = to_x, to_y
-            count += 1
-    return count
 
 
 @inlined
@@ -259,6 +266,8 @@ def scan_all(
     squares: ByteArray,
     poses: FloatArray,
     order: IntArray,
+    starts: IntArray,
+    others: IntArray,
     radius: float,
     angles: FloatArray,
     astray: float,
@@ -274,12 +283,12 @@ def scan_all(
     Beam j of robot i nominally points at angles[j], which are evenly spaced and rise. With
     standard normal `noise` (n×2×m) it really points `astray` · noise[i, 0, j] off, and noise[i, 1]
     is for ranges: σ_r = sigma[0] + sigma[1] r + √(sigma[2] r) at range r. The other robots are
-    discs of `radius` (cells). `cell` is metres per cell; the other lengths and `ranges` (n×m,
+    discs of `radius` (cells), of which `starts` and `others` name those in reach, as `neighbours`
+    gives them. `cell` is metres per cell; the other lengths and `ranges` (n×m,
     float32) are metres: 0 below `min_range`, +inf where nothing is hit within `max_range`. Robots
     are gone through in an `order` (n) that changes nothing but the time it takes.
     """
-    n, m = ranges.shape
-    near = np.empty((n, 2))
+    m = ranges.shape[1]
     slopes, cells, exact = np.empty((4, m)), np.empty((4, m), np.int64), np.empty(m)
     limit = max_range / cell
     for i in order:
@@ -291,8 +300,9 @@ def scan_all(
             slopes[0, j], slopes[1, j] = math.cos(angle), math.sin(angle)
             farthest = max(farthest, abs(turned))
         cast_fan(squares, x, y, limit, slopes, cells, exact)
-        for k in range(list_near(poses, i, limit + radius, near)):
-            hide_behind(heading, angles, farthest, near[k, 0], near[k, 1], radius, slopes, exact)
+        for k in others[starts[i] : starts[i + 1]]:
+            to_x, to_y = poses[k, 0] - x, poses[k, 1] - y
+            hide_behind(heading, angles, farthest, to_x, to_y, radius, slopes, exact)
         for j in range(m):
             true = exact[j] * cell
             if true > max_range:
@@ -310,26 +320,34 @@ def scan_all(
 
 @kernel
 def sights(
-    squares: ByteArray, poses: FloatArray, radius: float, limit: float, visible: BoolArray
+    squares: ByteArray,
+    poses: FloatArray,
+    starts: IntArray,
+    others: IntArray,
+    radius: float,
+    limit: float,
+    visible: BoolArray,
 ) -> None:
-    """`visible` (n×n): which robots see which, within `limit` (cells): no wall and no other disc
-    on the segment between the centres."""
-    n = poses.shape[0]
-    near = np.empty((n, 2))
-    for i in range(n):
-        others = list_near(poses, i, limit + radius, near)
-        for k in range(i + 1, n):
-            to_x, to_y = poses[k, 0] - poses[i, 0], poses[k, 1] - poses[i, 1]
-            visible[i, k] = visible[k, i] = False
-            if max(abs(to_x), abs(to_y)) > limit:
-                continue
+    """Which robots at `poses` (n×3) see which, within `limit` (cells): no wall and no third disc
+    on the segment between the centres.
+
+    `starts` and `others` (m) name those up to limit + radius away, as `neighbours` gives them;
+    `visible` (m) is set for pairs of which the first robot has the lower number.
+    """
+    for i in range(poses.shape[0]):
+        x, y = poses[i, 0], poses[i, 1]
+        near = others[starts[i] : starts[i + 1]]
+        for place in range(near.shape[0]):
+            k = near[place]
+            visible[starts[i] + place] = False
+            to_x, to_y = poses[k, 0] - x, poses[k, 1] - y
             distance = math.hypot(to_x, to_y)
-            if not 0.0 < distance <= limit:
+            if k < i or not 0.0 < distance <= limit:
                 continue
             dx, dy = to_x / distance, to_y / distance
-            seen = cast(squares, poses[i, 0], poses[i, 1], dx, dy, distance) == math.inf
-            for other in range(others):
-                by_x, by_y = near[other, 0], near[other, 1]
-                if seen and (by_x != to_x or by_y != to_y):
-                    seen = cast_disc(dx, dy, by_x, by_y, radius) >= distance
-            visible[i, k] = visible[k, i] = seen
+            seen = cast(squares, x, y, dx, dy, distance) == math.inf
+            for by in near:
+                if seen and by != k:
+                    to_x, to_y = poses[by, 0] - x, poses[by, 1] - y
+                    seen = cast_disc(dx, dy, to_x, to_y, radius) >= distance
+            visible[starts[i] + place] = seen

@@ -34,16 +34,18 @@ class RobotScore(Accuracy):
 
 
 class WallScore(Model):
-    """Of the wall cells: how many are in the joint maps, and how many of those are true."""
+    """Of the wall cells: how many are in the joint maps, and how many of those are true. None
+    without a joint map."""
 
-    recall: float
-    precision: float
+    recall: float | None
+    precision: float | None
 
 
 class LedgerScore(Model):
-    """Whether what robots say they sent and heard is what the world counted."""
+    """Whether what robots say they sent and heard is what the world counted; None if nobody said
+    anything."""
 
-    equal: bool
+    equal: bool | None
 
 
 class RadioScore(Model):
@@ -56,10 +58,10 @@ class RadioScore(Model):
 
 
 class Score(Model):
-    """A run in numbers; shares are between 0 and 1."""
+    """A run in numbers; shares are between 0 and 1, and None where no robot answered."""
 
-    coverage: float
-    coverage_worst_joint: float
+    coverage: float | None
+    coverage_worst_joint: float | None
     target_m2: float
     walls: WallScore
     team: Accuracy
@@ -90,32 +92,34 @@ class Referee:
         tracks = self._tracks(replies)
         T_world_map = align_team((track.final, track.true) for track in tracks.values())
         T_world_odom = align_team((track.dead_reckoned, track.true) for track in tracks.values())
-        maps = {n: reply[0] for n in names if (reply := replies.get(n, (None, None)))[0]}
+        own, joint = {}, {}
+        for name in names:
+            patches, _ = replies.get(name, (None, None))
+            if patches is not None:
+                own[name], joint[name] = patches.own, (patches.joint, T_world_map)
         robots = {
             name: self._score_robot(
                 name, replies.get(name, (None, None)), tracks.get(name), T_world_map, T_world_odom
             )
             for name in names
         }
-        joint = [(reply.joint, T_world_map) for reply in maps.values() if reply]
         joint_shares = [r.coverage_joint for r in robots.values() if r.coverage_joint is not None]
+        equal = [r.ledger_equal for r in robots.values() if r.ledger_equal is not None]
         offered = self._simulation.ledger.offered.sum(axis=(0, 1))
         delivered = self._simulation.ledger.delivered.sum(axis=(0, 1))
         self._simulation.ledger.check()
         return Score(
-            coverage=self.coverage({n: r.own for n, r in maps.items() if r}, T_world_map),
-            coverage_worst_joint=min(joint_shares, default=0.0),
+            coverage=self.coverage(own, T_world_map) if own else None,
+            coverage_worst_joint=min(joint_shares, default=None),
             target_m2=self.truth.target_m2,
             walls=WallScore(
-                recall=self.truth.known(self.truth.walls, joint),
-                precision=self.truth.precision(joint),
+                recall=self.truth.known(self.truth.walls, joint.values()) if joint else None,
+                precision=self.truth.precision(list(joint.values())) if joint else None,
             ),
             team=_accuracy(list(tracks.values()), T_world_map, T_world_odom),
             robots=robots,
             collisions=sum(robot.collisions for robot in robots.values()),
-            ledger=LedgerScore(
-                equal=all(robot.ledger_equal is not False for robot in robots.values())
-            ),
+            ledger=LedgerScore(equal=all(equal) if equal else None),
             radio=RadioScore(
                 frames_offered=int(offered[0]),
                 frames_delivered=int(delivered[0]),

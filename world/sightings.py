@@ -1,15 +1,14 @@
 """Sightings: which teammates a robot sees, and where."""
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
 
-from maps.grid import BoolArray
+from maps.grid import IntArray
 from protocol.config import SightingConfig
 from protocol.messages import Sighting
-from protocol.pose import FloatArray, wrap_angle
-from world import ray_kernels
+from protocol.pose import FloatArray, wrap_angles
+from world import neighbour_kernels, ray_kernels
 from world.noise import Noise
 from world.terrain import Terrain
 
@@ -22,50 +21,36 @@ class Sighters:
         self._names = tuple(names)
         self._radius_m = radius_m
 
-    def visible(self, terrain: Terrain, poses: FloatArray) -> BoolArray:
-        """Who sees whom (n×n): within range, no wall and no third robot between the centres."""
-        seen = np.zeros((len(poses), len(poses)), dtype=bool)
-        ray_kernels.sights(
-            terrain.squares,
-            terrain.to_cells(poses),
-            self._radius_m / terrain.cell,
-            self._config.max_range_m / terrain.cell,
-            seen,
-        )
-        return seen
+    def visible(self, terrain: Terrain, poses: FloatArray) -> tuple[IntArray, IntArray]:
+        """Who sees whom, as numbers of robots (k and k), in their order: within range, no wall
+        and no third robot between the centres."""
+        cells, radius = terrain.to_cells(poses), self._radius_m / terrain.cell
+        limit = self._config.max_range_m / terrain.cell
+        starts, others = neighbour_kernels.neighbours(cells, limit + radius)
+        seen = np.empty(len(others), dtype=bool)
+        ray_kernels.sights(terrain.squares, cells, starts, others, radius, limit, seen)
+        lower = np.repeat(np.arange(len(poses)), np.diff(starts))[seen]
+        upper = others[seen]
+        seers, targets = np.concatenate([[lower, upper], [upper, lower]], axis=1)
+        order = np.lexsort((targets, seers))
+        return seers[order], targets[order]
 
     def sight(
         self, terrain: Terrain, poses: FloatArray, tick: int, noise: Noise
     ) -> list[tuple[Sighting, ...]]:
         """What each robot sees from poses (n×3), teammates in the order of the scenario."""
-        seen: list[list[int]] = [[] for _ in self._names]
-        for i, k in np.argwhere(self.visible(terrain, poses)).tolist():
-            seen[i].append(k)
-        positions = poses.tolist()
-        return [
-            self._of(i, others, positions, tick, noise) if others else ()
-            for i, others in enumerate(seen)
-        ]
-
-    def _of(
-        self, i: int, others: list[int], poses: list[list[float]], tick: int, noise: Noise
-    ) -> tuple[Sighting, ...]:
-        # Drawn for teammates that are not seen too, up to the last that is: whom a robot sees
-        # must not decide the noise of another sighting.
-        rng = noise.at(self._names[i], "sightings", tick)
-        draws = rng.standard_normal((others[-1] + 1, 2))[others].tolist()
-        x, y, heading = poses[i]
-        sigma_range, sigma_bearing = self._config.sigma_range_m, self._config.sigma_bearing_rad
-        sightings = []
-        for k, (draw_range, draw_bearing) in zip(others, draws, strict=True):
-            dx, dy = poses[k][0] - x, poses[k][1] - y
-            range_m = math.hypot(dx, dy) + sigma_range * draw_range
-            bearing = math.atan2(dy, dx) - heading + sigma_bearing * draw_bearing
-            sightings.append(
-                Sighting(
-                    robot=self._names[k],
-                    range_m=max(range_m, 0.0),
-                    bearing_rad=wrap_angle(bearing),
-                )
+        config = self._config
+        seers, seen = self.visible(terrain, poses)
+        draws = noise.stream(self._names, "sightings").normals_of(tick, seers, seen, 2)
+        dx, dy = (poses[seen, :2] - poses[seers, :2]).T
+        ranges = np.maximum(np.hypot(dx, dy) + config.sigma_range_m * draws[:, 0], 0.0)
+        bearings = np.arctan2(dy, dx) - poses[seers, 2] + config.sigma_bearing_rad * draws[:, 1]
+        found: list[list[Sighting]] = [[] for _ in self._names]
+        for i, k, range_m, bearing in zip(
+            *map(np.ndarray.tolist, (seers, seen, ranges, wrap_angles(bearings))), strict=True
+        ):
+            # Made of known good parts; validation would cost more than all the rest.
+            found[i].append(
+                Sighting.model_construct(robot=self._names[k], range_m=range_m, bearing_rad=bearing)
             )
-        return tuple(sightings)
+        return [tuple(sightings) for sightings in found]

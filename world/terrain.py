@@ -20,8 +20,9 @@ class Terrain:
         self.grid = grid
         self.cell = grid.resolution
         self.solid: BoolArray = np.pad(~grid.free, 1, constant_values=True)
-        self.squares: npt.NDArray[np.uint8] = ray_kernels.free_squares(self.solid)
-        self.clearance: npt.NDArray[np.uint8] = self.squares.min(axis=0)
+        sides = ray_kernels.free_squares(self.solid)
+        self.squares: npt.NDArray[np.uint8] = ray_kernels.tiled(sides)
+        self.clearance: npt.NDArray[np.uint8] = sides.min(axis=0)
         # World coordinates of the corner of the padded grid.
         self.corner = np.array([grid.origin_x - grid.resolution, grid.origin_y - grid.resolution])
 

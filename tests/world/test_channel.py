@@ -208,11 +208,11 @@ def test_a_run_goes_on_from_a_checkpoint_with_the_same_links(model: str) -> None
 def test_the_kernel_takes_many_ticks_at_once() -> None:
     terrain = hall(0.3)
     points = np.random.default_rng(1).uniform(100.0, 300.0, (7, 5, 2))
-    waves = np.zeros((0, 5))
+    budget, waves = np.array([100.0, 3.0, 4.0, 0.0, 30.0]), np.zeros((0, 5))
     together = np.zeros((7, 5, 5), dtype=bool)
-    fade_all(terrain.solid, points, 100.0, 3.0, 4.0, 0.0, 30.0, waves, together)
+    fade_all(terrain.solid, points, budget, waves, together)
     for one, at in zip(together, points, strict=True):
         alone = np.zeros((1, 5, 5), dtype=bool)
-        fade_all(terrain.solid, at[None].copy(), 100.0, 3.0, 4.0, 0.0, 30.0, waves, alone)
+        fade_all(terrain.solid, at[None].copy(), budget, waves, alone)
         assert np.array_equal(one, alone[0])
     assert together.any()

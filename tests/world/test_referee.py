@@ -106,8 +106,8 @@ def test_maps_are_judged_where_the_trajectories_put_them() -> None:
         for n in world.names
     }
     score = Referee(world).score(replies)
-    assert score.coverage > 0.999
-    assert score.walls.recall > 0.999
+    assert score.coverage is not None and score.coverage > 0.999
+    assert score.walls.recall is not None and score.walls.recall > 0.999
     assert score.team.ate_rmse_m == pytest.approx(0.0, abs=1e-9)
 
 
@@ -216,7 +216,9 @@ def test_the_dead_answer_nothing_and_cost_nothing() -> None:
     assert score.robots["r2"].ledger_equal is None
     assert score.ledger.equal
     nobody = Referee(world).score({})
-    assert (nobody.coverage, nobody.team.ate_rmse_m) == (0.0, None)
+    assert (nobody.coverage, nobody.coverage_worst_joint) == (None, None)
+    assert (nobody.walls.recall, nobody.walls.precision) == (None, None)
+    assert (nobody.ledger.equal, nobody.team.ate_rmse_m) == (None, None)
 
 
 def test_a_robot_whose_counts_differ_is_found() -> None:

@@ -79,3 +79,21 @@ def test_whom_else_one_sees_does_not_shift_the_noise() -> None:
     _, last = sight(room(), poses, config=config)[0]
     (alone,) = sight(room((14, 7), (14, 8), (15, 7), (16, 8)), poses, config=config)[0]
     assert alone == last
+
+
+def test_a_crowd_sees_what_each_pair_alone_would_but_for_those_between() -> None:
+    rng = np.random.default_rng(2)
+    rows, columns = np.divmod(np.arange(60), 8)
+    places = 1.2 * np.column_stack([columns, rows]) + rng.uniform(0.3, 1.0, (60, 2))
+    poses = np.column_stack([places, np.zeros(60)])
+    terrain, near = room((10, 10), (4, 12)), SightingConfig(max_range_m=4.0)
+    seen = sight(terrain, poses, config=near)
+    for i, k in np.argwhere(~np.eye(60, dtype=bool)).tolist():
+        ahead = poses[k, :2] - poses[i, :2]
+        distance = float(np.hypot(*ahead))
+        along = np.clip((poses[:, :2] - poses[i, :2]) @ ahead / distance, 0.0, distance)
+        feet = poses[i, :2] + along[:, None] * ahead / distance
+        aside = np.delete(np.hypot(*(poses[:, :2] - feet).T), [i, k])
+        pair = sight(terrain, poses[[i, k]], config=near)[0]
+        expected = bool(pair) and bool((aside >= 0.2).all())
+        assert (f"r{k}" in {s.robot for s in seen[i]}) == expected
