@@ -104,6 +104,8 @@ class BusConfig(Model):
         _insert(config, "scouting/multicast/enabled", False)
         _insert(config, "scouting/gossip/enabled", False)
         _insert(config, "scouting/delay", 0)  # nobody is scouted: nothing to wait for
+        # Each process would keep 16 MB for it, and our messages are too small to gain by it.
+        _insert(config, "transport/shared_memory/enabled", False)
         _insert(config, "transport/link/tx/lease", int(1000 * self.lease_s))
         _insert(config, "namespace", self.namespace)
         self._insert_access(config)

@@ -9,6 +9,7 @@ from robot.process import Mind, ReportClock
 from station.hosts import Played
 from station.observer import Observer, RobotOutcome
 from world.process import INTERRUPTED, MAP_EVERY_S, MAP_PAUSE_S
+from world.report_log import ReportLog
 from world.simulation import Simulation
 
 
@@ -18,7 +19,7 @@ def play_inline(simulation: Simulation, observer: Observer, interrupt: Interrupt
         name: Brain(simulation.robot_config(name)) for name in simulation.names
     }
     clocks = {name: ReportClock() for name in minds}
-    reports: dict[str, list[Report]] = {name: [] for name in minds}
+    reports = {name: ReportLog() for name in minds}
     latest: dict[str, Report] = {}
     maps = _MapRounds()
     observer.started(simulation)

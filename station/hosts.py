@@ -10,6 +10,7 @@ from protocol.messages import MapReply, Report
 from station.child import Child
 from station.observer import Observer, RobotOutcome, RunOutcome
 from world.process import WorldProcess
+from world.report_log import ReportLog
 from world.simulation import Simulation
 
 Mode = Literal["processes", "memory", "inline"]
@@ -22,10 +23,10 @@ class LaunchError(EarshotError):
 
 @dataclass(frozen=True, slots=True)
 class Played:
-    """What a host hands back: the robots' last words and all their reports."""
+    """What a host hands back: the robots' last words, and what they reported."""
 
     robots: Mapping[str, RobotOutcome]
-    reports: Mapping[str, list[Report]] = field(default_factory=dict)
+    reports: Mapping[str, ReportLog] = field(default_factory=dict)
 
 
 def played(world: WorldProcess, processes: Mapping[str, Child] | None = None) -> Played:

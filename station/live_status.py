@@ -99,7 +99,7 @@ class RunTracker:
         for name, robot in sorted(outcome.robots.items()):
             if robot.map is not None:
                 self.mapped(name, robot.map, simulation.stamp)
-        latest = {name: reports[-1] for name, reports in outcome.reports.items() if reports}
+        latest = {name: log.latest for name, log in outcome.reports.items() if log.latest}
         return self.status(simulation, latest)
 
     def status(self, simulation: Simulation, reports: Mapping[str, Report]) -> Status:

@@ -11,6 +11,7 @@ from typing import Protocol
 from protocol.messages import MapReply, Report, TrajectoryReply
 from station.memory_use import MemorySample
 from world.last_words import WireCount
+from world.report_log import ReportLog
 from world.simulation import Simulation
 
 
@@ -43,8 +44,7 @@ class RunOutcome:
     mode: str
     robots: Mapping[str, RobotOutcome]
     world_peak_rss_mb: float
-    reports: Mapping[str, list[Report]] = field(default_factory=dict)
-    """All reports by robot, in the order of ticks."""
+    reports: Mapping[str, ReportLog] = field(default_factory=dict)
 
 
 class Observer(Protocol):

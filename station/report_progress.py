@@ -8,7 +8,6 @@ import numpy as np
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter
 
-from protocol.messages import Report
 from protocol.pose import FloatArray
 from station.pictures import (
     FAINT_INK,
@@ -21,6 +20,7 @@ from station.pictures import (
     save_figure,
 )
 from station.report_tracks import Track
+from world.report_log import ReportLog
 
 HEIGHT_PX = 1150
 # A line of more points than this shows no more on 1600 pixels.
@@ -34,7 +34,7 @@ def draw_progress(
     path: Path,
     *,
     tracks: Sequence[Track],
-    reports: Mapping[str, Sequence[Report]],
+    reports: Mapping[str, ReportLog],
     coverage: Sequence[tuple[float, float]],
     target_m2: float | None,
     tick_s: float,
@@ -66,7 +66,7 @@ def draw_progress(
 def _draw_known(
     axes: Any,
     tracks: Sequence[Track],
-    reports: Mapping[str, Sequence[Report]],
+    reports: Mapping[str, ReportLog],
     *,
     target_m2: float | None,
     tick_s: float,
@@ -81,10 +81,9 @@ def _draw_known(
     axes.set_ylabel("known area (m²)")
     most = target_m2 or 1.0
     for index, track in enumerate(tracks):
-        known = reports.get(track.name, ())
-        if known:
-            times = np.array([report.tick * tick_s for report in known])
-            areas = np.array([report.known_m2 for report in known])
+        log = reports.get(track.name)
+        if log:
+            times, areas = log.ticks * tick_s, log.known_m2
             most = max(most, float(areas.max()))
             axes.plot(times, areas, color=robot_colour(index), ls=robot_dash(index), lw=1.8)
     if not any(reports.get(track.name) for track in tracks):

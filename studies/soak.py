@@ -121,10 +121,10 @@ def _journal(outcome: RunOutcome) -> list[list[float]]:
     """Simulated times (s) and the greatest number of entries that a robot held, each minute."""
     tick_s = outcome.simulation.scenario.tick_s
     most: dict[int, int] = {}
-    for reports in outcome.reports.values():
-        for report in reports:
-            minute = int(report.tick * tick_s // MINUTE_S)
-            most[minute] = max(most.get(minute, 0), report.journal_entries)
+    for log in outcome.reports.values():
+        for tick, entries in zip(log.ticks.tolist(), log.journal_entries.tolist(), strict=True):
+            minute = int(tick * tick_s // MINUTE_S)
+            most[minute] = max(most.get(minute, 0), entries)
     return [[minute * MINUTE_S, most[minute]] for minute in sorted(most)]
 
 

@@ -11,12 +11,13 @@ from collections.abc import Callable, Mapping
 
 from protocol.bus import Bus
 from protocol.interrupt import Interrupt
-from protocol.messages import Report, Sense
+from protocol.messages import Sense
 from protocol.topics import RADIO_IN, SENSE, WORLD_ALIVE
 from world.broadcasts import Broadcasts
 from world.last_words import LastWords
 from world.pace import Lockstep, Pace, RealTime
 from world.reception import Reception, Watcher
+from world.report_log import ReportLog
 from world.roster import Roster
 from world.simulation import Simulation
 
@@ -52,8 +53,8 @@ class WorldProcess:
         bus.declare_alive(WORLD_ALIVE)
 
     @property
-    def reports(self) -> dict[str, list[Report]]:
-        """Every report so far, by robot."""
+    def reports(self) -> dict[str, ReportLog]:
+        """What each robot reported so far."""
         return {name: link.reports for name, link in self.roster.links.items()}
 
     @property

@@ -130,7 +130,8 @@ class Reception:
                 link.accept_action(action, self._simulation.tick)
             case Report() as report:
                 link.accept_report(report, self._simulation.tick)
-                self.reports[link.name] = link.reports[-1]
+                if link.reports.latest is not None:
+                    self.reports[link.name] = link.reports.latest
             case MapReply() as reply if arrival.topic is EXACT_MAP:
                 words.map = reply
             case MapReply() as reply:

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from protocol.allowance import Allowance
 from protocol.messages import Action, HeardFrame, RadioFrame, Report, Sense
+from world.report_log import ReportLog
 
 
 class RobotLink:
@@ -28,15 +29,11 @@ class RobotLink:
         self.stale = 0
         self.mutes = 0
         self.muted_until: int | None = None
-        self.reports: list[Report] = []
+        self.reports = ReportLog()
         self._answered = -1
         self._action: Action | None = None
         self._sent: list[RadioFrame] = []
         self._waiting: list[HeardFrame] = []
-
-    @property
-    def _reported(self) -> int:
-        return self.reports[-1].tick if self.reports else -1
 
     @property
     def muted(self) -> bool:
@@ -72,7 +69,8 @@ class RobotLink:
 
     def accept_report(self, report: Report, tick: int) -> None:
         """One report for each tick at most is kept."""
-        if not self._reported < report.tick <= tick:
+        before = self.reports.latest
+        if not (before.tick if before else -1) < report.tick <= tick:
             self.stale += 1
             return
         self.reports.append(report)

@@ -127,7 +127,7 @@ def test_frames_and_senses_of_every_tick_arrive_once_and_in_order() -> None:
         assert sent == list(range(len(sent)))
         assert played.robots[name].note == ""
         assert played.robots[name].map is not None
-        assert [report.tick for report in played.reports[name]] == [0, 10, 20, 30]
+        assert played.reports[name].ticks.tolist() == [0, 10, 20, 30]
     heard = sum(mind.heard for mind in minds.values())
     assert heard == ledger["total"]["delivered"]["frames"]
 

@@ -19,6 +19,7 @@ from protocol.messages import (
 )
 from protocol.pose import FloatArray, compose, invert
 from station.observer import Observer, RobotOutcome, RunOutcome
+from world.report_log import ReportLog
 from world.scenario import GateConfig, RobotSpec, Scenario
 from world.simulation import Simulation
 
@@ -119,7 +120,7 @@ def make_trajectory_reply(simulation: Simulation, index: int) -> TrajectoryReply
 def play(observer: Observer | None = None, dies: bool = True) -> RunOutcome:
     """The whole run under an observer; with `dies`, r3 is killed half way."""
     simulation = make_simulation(dies)
-    reports: dict[str, list[Report]] = {name: [] for name in simulation.names}
+    reports = {name: ReportLog() for name in simulation.names}
     if observer:
         observer.started(simulation)
     simulation.step({})
@@ -144,7 +145,7 @@ def play(observer: Observer | None = None, dies: bool = True) -> RunOutcome:
                 if name in simulation.alive:
                     reports[name].append(make_report(simulation, k))
         if observer:
-            latest = {name: found[-1] for name, found in reports.items() if found}
+            latest = {name: log.latest for name, log in reports.items() if log.latest}
             observer.ticked(simulation, latest)
             if simulation.tick % 40 == 0:
                 share = simulation.tick / TICKS
