@@ -6,6 +6,7 @@ evidence is what the search did not look at: rays of one through walls of the ot
 the other saw free space, both ways.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +15,13 @@ from protocol.pose import FloatArray, Pose2
 from robot.perception import search_kernels
 from robot.perception.field import RESOLUTION_M, SIGMA_M, Overlay
 from robot.perception.matching import match_returns
-from robot.perception.search import MAX_NODES, SAME_PEAK_M, SEARCH_RESOLUTION_M, Blocks, Pyramid
+from robot.perception.search import (
+    MAX_NODES,
+    NODES_PER_CELL,
+    SAME_PEAK_M,
+    SEARCH_RESOLUTION_M,
+    Pyramid,
+)
 from robot.slam.gaussian import invert_spd
 from robot.team.evidence import Evidence, Kind
 from robot.team.place import DIRECTION_BINS, Place
@@ -72,8 +79,7 @@ class _Peak:
 
 def make_pyramid(place: Place) -> Pyramid:
     """What searches in a place go through; worth keeping."""
-    extent_m = float(max(place.field.nodes.shape)) * RESOLUTION_M
-    return Pyramid.of(Blocks.of(place.field), extent_m)
+    return Pyramid.of(place.field, float(max(place.field.nodes.shape)) * RESOLUTION_M)
 
 
 def find_place(a: Place, pyramid: Pyramid, b: Place) -> PlaceMatch | None:
@@ -122,7 +128,7 @@ def _search(a: Place, pyramid: Pyramid, b: Place) -> _Peak | None:
     full = 255.0 * float((SIGMA_M / np.sqrt(SIGMA_M**2 + 2.0 * sigma2)).sum())
     shape = np.array(a.field.nodes.shape)
     middle = a.field.origin + 0.5 * RESOLUTION_M * shape[::-1]
-    half_rows, half_columns = (shape // 4 + 1).tolist()
+    half_rows, half_columns = (shape // (2 * NODES_PER_CELL) + 1).tolist()
     floor, best = SEARCH_FLOOR, None
     scores: list[float] = []
     for degrees in rotations(a.directions, b.directions):
@@ -144,13 +150,31 @@ def _search(a: Place, pyramid: Pyramid, b: Place) -> _Peak | None:
         scores += [score, second[0] / full]
         if best is None or score > best.score:
             x, y = middle + SEARCH_RESOLUTION_M * np.array([column, row])
-            T_a_centre = Pose2(float(x), float(y), float(angles[angle]))
+            coarse = np.array([x, y, angles[angle]])
+            T_a_centre = _within_cell(a, b, coarse)
             T_a_b = T_a_centre @ Pose2(-float(b.centre[0]), -float(b.centre[1]), 0.0)
             best = _Peak(T_a_b, score, 0.0)
             floor = max(floor, RIVAL_SHARE * score)
     if best is None:
         return None
     return _Peak(best.T_a_b, best.score, max(sorted(scores)[-2], floor))
+
+
+def _within_cell(a: Place, b: Place, T_a_centre: FloatArray) -> Pose2:
+    """The best pose between the nodes of the cell, and the degrees, that a search ended in."""
+    pose = T_a_centre.copy()
+    search_kernels.best_nearby(
+        a.field.nodes,
+        a.field.origin,
+        RESOLUTION_M,
+        np.ascontiguousarray(b.landmarks.points - b.centre),
+        T_a_centre,
+        0.5 * SEARCH_RESOLUTION_M,
+        NODES_PER_CELL // 2,
+        math.radians(0.5),
+        pose,
+    )
+    return Pose2.from_array(pose)
 
 
 def rotations(a: FloatArray, b: FloatArray) -> list[FloatArray]:
@@ -176,6 +200,6 @@ def _cells(points: FloatArray, angles: FloatArray, middle: FloatArray) -> np.nda
     c, s = np.cos(angles)[:, None], np.sin(angles)[:, None]
     x, y = points[:, 0][None, :], points[:, 1][None, :]
     nodes = np.stack([middle[1] + s * x + c * y, middle[0] + c * x - s * y], axis=-1) / RESOLUTION_M
-    # Search cell k holds the nodes 2k and 2k + 1.
-    cells = np.floor_divide(np.floor(nodes + 0.5), 2.0)
+    # Search cell k holds the nodes n·k … n·k + n − 1.
+    cells = np.floor_divide(np.floor(nodes + 0.5), NODES_PER_CELL)
     return np.ascontiguousarray(cells.astype(np.int64))
