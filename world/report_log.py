@@ -1,4 +1,4 @@
-"""What a robot reported over a run: the newest report whole, the others as what is drawn of them."""
+"""What a robot reported over a run: the newest whole, the others as what is drawn of them."""
 
 from array import array
 

@@ -20,6 +20,7 @@ from robot.perception.search import (
     NODES_PER_CELL,
     SAME_PEAK_M,
     SEARCH_RESOLUTION_M,
+    Blocks,
     Pyramid,
 )
 from robot.slam.gaussian import invert_spd
@@ -79,7 +80,8 @@ class _Peak:
 
 def make_pyramid(place: Place) -> Pyramid:
     """What searches in a place go through; worth keeping."""
-    return Pyramid.of(place.field, float(max(place.field.nodes.shape)) * RESOLUTION_M)
+    extent_m = float(max(place.field.nodes.shape)) * RESOLUTION_M
+    return Pyramid.of(Blocks.of(place.field), extent_m)
 
 
 def find_place(a: Place, pyramid: Pyramid, b: Place) -> PlaceMatch | None:
