@@ -1,5 +1,7 @@
 """What truly happened: poses, velocities and collisions at every tick."""
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 
@@ -8,7 +10,11 @@ from protocol.pose import FloatArray
 
 
 class History:
-    """Grows by one row a tick; row k is of tick k."""
+    """Grows by one row a tick; row k is of tick k.
+
+    A row takes 49 bytes for each robot, and room is made in steps of half of what there is: 1.8 to
+    2.7 MB for a robot and simulated hour.
+    """
 
     def __init__(self, robots: int) -> None:
         self._length = 0
@@ -63,7 +69,12 @@ class History:
         self._length += 1
 
     def _grow(self) -> None:
-        self._poses = np.concatenate([self._poses, np.zeros_like(self._poses)])
-        self._velocities = np.concatenate([self._velocities, np.zeros_like(self._velocities)])
-        self._collisions = np.concatenate([self._collisions, np.zeros_like(self._collisions)])
-        self._present = np.concatenate([self._present, np.zeros_like(self._present)])
+        self._poses = _longer(self._poses)
+        self._velocities = _longer(self._velocities)
+        self._collisions = _longer(self._collisions)
+        self._present = _longer(self._present)
+
+
+def _longer(rows: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """The same rows with room for half as many more."""
+    return np.concatenate([rows, np.zeros_like(rows[: len(rows) // 2])])

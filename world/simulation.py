@@ -35,6 +35,8 @@ ALL_FINISHED = "all robots finished"
 TIME_LIMIT = "time limit"
 NOBODY_LEFT = "no robot left"
 
+LINK_TICKS = 256
+
 
 class Simulation:
     """The world of one run. Arrays over robots are in the order of `names`."""
@@ -96,7 +98,13 @@ class Simulation:
     @property
     def link_history(self) -> BoolArray:
         """Who was within earshot of whom at each tick so far, T×n×n."""
-        return self._radio.links(self.history.poses, self.history.present)
+        history = self.history
+        links = np.empty((len(history), len(self.names), len(self.names)), dtype=bool)
+        # In pieces: distances of all pairs at all ticks of an hour would take half a gigabyte.
+        for first in range(0, len(history), LINK_TICKS):
+            piece = slice(first, first + LINK_TICKS)
+            links[piece] = self._radio.links(history.poses[piece], history.present[piece])
+        return links
 
     @property
     def ledger(self) -> Ledger:

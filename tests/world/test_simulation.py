@@ -272,8 +272,43 @@ def test_history_keeps_every_tick() -> None:
     )
     assert simulation.link_history.shape == (300, 2, 2)
     assert np.array_equal(simulation.link_history[-1], simulation.links)
+    apart = np.hypot(*(history.poses[:, 0, :2] - history.poses[:, 1, :2]).T)
+    near = apart <= simulation.scenario.radio.range_m
+    assert np.array_equal(simulation.link_history[:, 0, 1], near)
     steps = np.diff(history.poses[:, 0, :2], axis=0)
     assert history.driven_m(0) == pytest.approx(np.hypot(*steps.T).sum())
+
+
+def test_memory_grows_by_little_more_than_the_history() -> None:
+    simulation = Simulation(scenario(team=4, radio={"loss": 0.3, "latency_ticks": 3}))
+    play(simulation, 600)
+    before = len(simulation.state())
+    play(simulation, 1200)
+    history = simulation.history
+    rows = [history.poses, history.velocities, history.collisions, history.present]
+    per_tick = sum(array[0].nbytes for array in rows)
+    assert per_tick == 4 * 49
+    assert len(simulation.state()) - before < 1.7 * 1200 * per_tick
+
+
+def test_a_gap_in_the_answers_is_a_gap_and_no_more() -> None:
+    """A robot that is silent for long stops by itself, and goes on when it speaks again."""
+    simulation = Simulation(scenario())
+
+    def silent(name: str, sense: Sense) -> Action | None:
+        mute = name == "r1" and 20 <= sense.tick < 60
+        return None if mute else wander(name, sense)
+
+    senses = play(simulation, 100, silent)
+    assert [sense["r1"].tick for sense in senses] == list(range(100))
+    drove = simulation.history.velocities[:, 0, 0]
+    # The command of tick 19 counts until it is half a second old; then the wheels run out.
+    assert (drove[35:60] == 0.0).all()
+    assert simulation.history.velocities[30:60, 0].any(axis=1).sum() <= 5
+    turned = np.array([sense["r1"].encoders for sense in senses])
+    assert np.array_equal(turned[36], turned[60])
+    assert (turned[61:] != turned[60]).any()
+    assert simulation.history.velocities[30:60, 1].any(axis=1).sum() > 20
 
 
 def test_a_grid_may_take_the_place_of_the_map() -> None:
