@@ -8,7 +8,8 @@ class EarshotError(Exception):
 class MalformedMessageError(EarshotError):
     """A message from the wire that is not what its topic promises; counted and dropped.
 
-    `kind` is the word under which it is counted: encoding, size, msgpack, schema, version.
+    `kind` is the word under which it is counted: encoding, version, size, msgpack, schema, and
+    of published ones sequence, replay, and misfit, for what another receiver might understand.
     """
 
     def __init__(self, kind: str, detail: str) -> None:

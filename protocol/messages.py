@@ -5,26 +5,34 @@ travel on keys of their own, before the message that counts them, so `frames` is
 encoding and `frame_count` says how many belong to it.
 """
 
-from typing import Annotated, ClassVar
+from typing import Annotated, ClassVar, Self
 
-from pydantic import Field
+import numpy as np
+import numpy.typing as npt
+from pydantic import Field, field_validator, model_validator
 
 from protocol.config import BROADCAST, MAX_FRAME_BYTES, PoseModel, RobotName
 from protocol.model import (
+    Covariance,
+    EdgeNodes,
+    EdgeValues,
     Float32Vector,
-    Float64Matrix,
     Float64Vector,
     Int8Matrix,
-    Int32Matrix,
     Int64Vector,
     Message,
     Model,
+    Points,
+    Poses,
 )
 
 # Sender, recipient, kind and tick as a radio would pack them. One number for every frame, so that
 # both ends count the same bytes without encoding the frame again.
 FRAME_HEADER_BYTES = 24
 
+MAX_PLACE_M = 1e6
+
+Ranges = npt.NDArray[np.float32] | None
 Tick = Annotated[int, Field(ge=0, le=2**53)]
 Recipient = Annotated[str, Field(pattern=r"^(\*|[a-z][a-z0-9_-]{0,31})$")]
 TopicName = Annotated[str, Field(pattern=r"^[a-z][a-z-]{0,31}$")]
@@ -90,6 +98,13 @@ class Sense(Message):
     frame_count: int = Field(0, ge=0)
     frames: tuple[HeardFrame, ...] = Field((), exclude=True)
 
+    @field_validator("ranges")
+    @classmethod
+    def _are_distances(cls, ranges: Ranges) -> Ranges:
+        if ranges is not None and not np.all(ranges >= 0.0):
+            raise ValueError("a range is a distance or +inf")
+        return ranges
+
 
 class DriveCommand(Model):
     """Body velocity: forward and to the left (m/s; the latter 0 on a differential drive), turn
@@ -122,10 +137,17 @@ class GridPatch(Model):
     robot's map frame.
     """
 
-    resolution_m: float = Field(gt=0.0)
-    origin_x_m: float
-    origin_y_m: float
+    resolution_m: float = Field(ge=0.005, le=10.0)
+    origin_x_m: float = Field(ge=-MAX_PLACE_M, le=MAX_PLACE_M)
+    origin_y_m: float = Field(ge=-MAX_PLACE_M, le=MAX_PLACE_M)
     cells: Int8Matrix
+
+    @field_validator("cells")
+    @classmethod
+    def _are_percent(cls, cells: npt.NDArray[np.int8]) -> npt.NDArray[np.int8]:
+        if np.any((cells < -1) | (cells > 100)):
+            raise ValueError("a cell is −1 or 0…100")
+        return cells
 
 
 class TeammateView(Model):
@@ -145,10 +167,10 @@ class Report(Message):
 
     tick: Tick
     pose: PoseModel
-    covariance: Float64Matrix
+    covariance: Covariance
     activity: str = Field(max_length=200, description="one line: what the robot is doing and why")
     goal: PoseModel | None = None
-    path: Float64Matrix
+    path: Points
     known_m2: float = Field(ge=0.0, description="area of the joint map that is known")
     frontier_m: float = Field(ge=0.0, description="length of frontier that is left")
     finished: bool
@@ -180,17 +202,32 @@ class TrajectoryReply(Message):
 
     ticks: Int64Vector
     stamps: Float64Vector
-    online: Float64Matrix
-    final: Float64Matrix
-    dead_reckoned: Float64Matrix
-    nodes: Float64Matrix
-    edge_nodes: Int32Matrix
-    edge_values: Float64Matrix
+    online: Poses
+    final: Poses
+    dead_reckoned: Poses
+    nodes: Poses
+    edge_nodes: EdgeNodes
+    edge_values: EdgeValues
     journal_digest: str
     frames_sent: int = Field(ge=0)
     bytes_sent: int = Field(ge=0)
     frames_heard: int = Field(ge=0)
     bytes_heard: int = Field(ge=0)
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> Self:
+        n = len(self.ticks)
+        if any(len(rows) != n for rows in (self.stamps, self.online, self.final)):
+            raise ValueError("each tick needs a stamp and a pose")
+        if len(self.dead_reckoned) != n:
+            raise ValueError("each tick needs a dead-reckoned pose")
+        if n and (self.ticks[0] < 0 or np.any(np.diff(self.ticks) <= 0)):
+            raise ValueError("ticks only rise, from 0 on")
+        if len(self.edge_values) != len(self.edge_nodes):
+            raise ValueError("each edge needs its nodes and its values")
+        if np.any((self.edge_nodes < 0) | (self.edge_nodes >= len(self.nodes))):
+            raise ValueError("an edge ends at a node that is not there")
+        return self
 
 
 class Tally(Message):
@@ -222,8 +259,15 @@ class Truth(Message):
     tick: Tick
     stamp: float
     robots: tuple[RobotName, ...]
-    poses: Float64Matrix
+    poses: Poses
     links: Int8Matrix
+
+    @model_validator(mode="after")
+    def _fits_together(self) -> Self:
+        if len(self.poses) != len(self.robots):
+            raise ValueError("each robot needs a pose")
+        _check_links(self.robots, self.links)
+        return self
 
 
 class FrameCount(Model):
@@ -248,6 +292,11 @@ class LiveRadio(Message):
     dropped: dict[str, FrameCount]
     in_flight: FrameCount
 
+    @model_validator(mode="after")
+    def _fits_together(self) -> Self:
+        _check_links(self.robots, self.links)
+        return self
+
 
 class LiveScore(Message):
     """How the team is doing by the referee's word, for the operator alone."""
@@ -260,3 +309,8 @@ class LiveScore(Message):
     collisions: int = Field(ge=0)
     alive: tuple[RobotName, ...]
     finished: tuple[RobotName, ...]
+
+
+def _check_links(robots: tuple[str, ...], links: npt.NDArray[np.int8]) -> None:
+    if links.shape != (len(robots), len(robots)):
+        raise ValueError("each pair of robots needs a link, or none")

@@ -5,6 +5,7 @@ where there is never more than one, and real time, where a slow robot skips sens
 When the world is gone there are no wheels to stop: it says so and ends.
 """
 
+import math
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -13,9 +14,10 @@ from enum import Enum
 from pathlib import Path
 from typing import Protocol
 
-from protocol.bus import Arrival, Bus, Event, Presence, Question
+from protocol.bus import Bus
 from protocol.config import RobotConfig
-from protocol.errors import EarshotError
+from protocol.errors import EarshotError, MalformedMessageError
+from protocol.inbox import Arrival, Event, Presence, Question
 from protocol.interrupt import Interrupt
 from protocol.messages import (
     Action,
@@ -47,6 +49,7 @@ from robot.journal_file import JournalFile
 
 POLL_S = 0.5
 REPORT_EVERY_S = 1.0
+WHEELS = 2
 
 
 class WorldMissingError(EarshotError):
@@ -109,7 +112,7 @@ def run_robot(
     )
     with journal as file, ThreadPoolExecutor(1, thread_name_prefix=f"{name}-jobs") as executor:
         mind = make_mind(config, file.incarnation if file else 0, Jobs(executor))
-        return RobotProcess(bus, name, mind, interrupt, file).run()
+        return RobotProcess(bus, config, mind, interrupt, file).run()
 
 
 def ask_config(
@@ -134,11 +137,18 @@ class RobotProcess:
     """The loop of one robot."""
 
     def __init__(
-        self, bus: Bus, name: str, mind: Mind, interrupt: Interrupt, journal: JournalFile | None
+        self,
+        bus: Bus,
+        config: RobotConfig,
+        mind: Mind,
+        interrupt: Interrupt,
+        journal: JournalFile | None,
     ) -> None:
         self._bus = bus
         self._inbox = bus.inbox()
-        self._name = name
+        self._config = config
+        self._name = config.name
+        self._last_stamp = -math.inf
         self._mind = mind
         self._interrupt = interrupt
         self._journal = journal
@@ -168,13 +178,24 @@ class RobotProcess:
     def _listen(self) -> None:
         inbox, name = self._inbox, self._name
         self._interrupt.on_request.append(inbox.wake)
-        for topic in (RADIO_IN, SENSE, ENDED):
+        for topic in (RADIO_IN, ENDED):
             inbox.subscribe(topic, name)
+        inbox.subscribe(SENSE, name, check=self._check_sense)
         for topic in (MAP, EXACT_MAP, TRAJECTORY, TALLY):
             inbox.serve(topic, name)
         inbox.watch(WORLD_ALIVE)
         # Last of all: who sees the token may send at once.
         self._bus.declare_alive(ROBOT_ALIVE, name)
+
+    def _check_sense(self, sense: Sense) -> None:
+        """Raise MalformedMessageError for the sense of another body, or of a time gone by."""
+        if len(sense.encoders) != WHEELS:
+            raise MalformedMessageError("misfit", f"{len(sense.encoders)} wheels counted")
+        if sense.ranges is not None and len(sense.ranges) != self._config.lidar.beams:
+            raise MalformedMessageError("misfit", f"a scan of {len(sense.ranges)} beams")
+        if sense.stamp <= self._last_stamp:
+            raise MalformedMessageError("misfit", "its stamp lies before the last one")
+        self._last_stamp = sense.stamp
 
     def _handle(self, event: Event) -> None:
         match event:

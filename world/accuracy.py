@@ -23,16 +23,14 @@ class Track:
 def match(reply: TrajectoryReply, truth: FloatArray) -> Track | None:
     """A reply beside the true poses (T×3, row k of tick k), matched by tick.
 
-    None where there is nothing to compare: no common tick, arrays of different length, or
-    numbers that are none.
+    None where there is nothing to compare: no common tick.
     """
-    estimates = (reply.final, reply.online, reply.dead_reckoned)
-    if any(poses.shape != (len(reply.ticks), 3) for poses in estimates):
+    known = reply.ticks < len(truth)
+    if not known.any():
         return None
-    known = (reply.ticks >= 0) & (reply.ticks < len(truth))
-    final, online, dead_reckoned = (np.array(poses[known]) for poses in estimates)
-    if not known.any() or not all(np.isfinite(p).all() for p in (final, online, dead_reckoned)):
-        return None
+    final, online, dead_reckoned = (
+        np.array(poses[known]) for poses in (reply.final, reply.online, reply.dead_reckoned)
+    )
     return Track(truth[reply.ticks[known]], final, online, dead_reckoned)
 
 

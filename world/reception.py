@@ -4,7 +4,8 @@ import logging
 from collections.abc import Callable, Mapping
 from typing import Protocol
 
-from protocol.bus import Arrival, Bus, Event, Flood, Presence, Question
+from protocol.bus import Bus
+from protocol.inbox import Arrival, Event, Flood, Presence, Question
 from protocol.interrupt import Interrupt
 from protocol.messages import (
     Action,

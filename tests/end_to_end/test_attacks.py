@@ -15,10 +15,11 @@ import zenoh
 
 from protocol.access import STATION_USER
 from protocol.allowance import BURST_TICKS
-from protocol.bus import SEQUENCE, Arrival, Bus, BusError, Event, Flood, Inbox, Presence, open_bus
+from protocol.bus import Bus, BusError, open_bus
 from protocol.bus_config import BusConfig
 from protocol.codec import encode, encoding_of
 from protocol.config import RobotConfig
+from protocol.inbox import SEQUENCE, Arrival, Event, Flood, Inbox, Presence
 from protocol.interrupt import Interrupt
 from protocol.keys import key_path, make_keys
 from protocol.messages import Action, DriveCommand, HeardFrame, RadioFrame, Report, Sense, Truth

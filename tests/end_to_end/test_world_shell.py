@@ -7,9 +7,10 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
-from protocol.bus import Arrival, Bus, open_bus
+from protocol.bus import Bus, open_bus
 from protocol.bus_config import BusConfig
 from protocol.config import PoseModel, RobotConfig
+from protocol.inbox import Arrival
 from protocol.interrupt import Interrupt
 from protocol.messages import (
     Action,

@@ -7,10 +7,11 @@ from typing import Any
 import pytest
 import zenoh
 
-from protocol.bus import SEQUENCE, Arrival, Bus, BusError, Presence, Question, open_bus
+from protocol.bus import Bus, BusError, open_bus
 from protocol.bus_config import BusConfig, BusConfigError
 from protocol.codec import encode, encoding_of
 from protocol.config import RobotConfig
+from protocol.inbox import SEQUENCE, Arrival, Presence, Question
 from protocol.messages import Action, DriveCommand, HeardFrame, RadioFrame, Sense
 from protocol.topics import (
     ACT,

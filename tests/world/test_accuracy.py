@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pydantic import ValidationError
 
 from protocol.messages import TrajectoryReply
 from protocol.pose import FloatArray, Pose2, compose
@@ -105,17 +106,24 @@ def test_poses_are_matched_by_tick() -> None:
     assert np.array_equal(late.true, truth[[79]])
 
 
+def test_a_reply_of_ticks_that_never_were_is_not_compared() -> None:
+    assert match(reply([5000, 5001], np.zeros((2, 3))), way(4)) is None
+
+
 @pytest.mark.parametrize(
     "changes",
     [
-        {"ticks": [5000, 5001]},
         {"ticks": [0]},
-        {"ticks": [-1, -2]},
+        {"ticks": [-1, 2]},
+        {"ticks": [1, 1]},
         {"online": np.zeros((3, 3))},
         {"final": np.zeros((2, 2))},
         {"dead_reckoned": [[0.0, math.nan, 0.0], [0.0, 0.0, 0.0]]},
         {"final": [[0.0, math.inf, 0.0], [0.0, 0.0, 0.0]]},
+        {"edge_nodes": [[0, 1]]},
+        {"edge_nodes": [[0, 1]], "edge_values": np.zeros((1, 9))},
     ],
 )
-def test_a_reply_that_cannot_be_compared_is_none(changes: dict[str, object]) -> None:
-    assert match(reply([0, 1], np.zeros((2, 3)), **changes), way(4)) is None
+def test_a_reply_that_does_not_fit_together_is_refused(changes: dict[str, object]) -> None:
+    with pytest.raises(ValidationError):
+        reply([0, 1], np.zeros((2, 3)), **changes)
