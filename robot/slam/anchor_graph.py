@@ -23,7 +23,8 @@ class Optimised:
 
 
 class AnchorGraph:
-    """Anchors tied one to the next by the front end, and by closures; anchor 0 is fixed."""
+    """Anchors, each tied by the front end to the one that the robot came from, and by closures;
+    anchor 0 is fixed."""
 
     def __init__(self, start: Pose2) -> None:
         self._nodes = np.empty((FIRST_CAPACITY, 3))
@@ -36,6 +37,7 @@ class AnchorGraph:
         self._edges = 0
         self._optimised = 1
         self._covariance = np.zeros((3, 3))
+        self._parents = [0]
         self._relative = [start.to_array()]
         self._relative_covariance = [np.zeros((3, 3))]
 
@@ -49,24 +51,29 @@ class AnchorGraph:
         return Pose2.from_array(self._nodes[anchor])
 
     def covariance(self, anchor: int) -> FloatArray:
-        """Covariance (3×3) of a recent anchor against anchor 0: the last one optimised, and the
-        chain of the front end from there on."""
-        covariance = self._covariance
-        for n in range(self._optimised, anchor + 1):
+        """Covariance (3×3) of an anchor against anchor 0: that of the last one optimised, which
+        stands for all of them, and the chain of the front end from there on."""
+        chain = []
+        while anchor >= self._optimised:
+            chain.append(anchor)
+            anchor = self._parents[anchor]
+        turn = self._nodes[anchor, 2] - self._nodes[self._optimised - 1, 2]
+        covariance = carry(self._covariance, Pose2(0.0, 0.0, turn))
+        for n in reversed(chain):
             covariance = carry(covariance, Pose2.from_array(self._relative[n]))
             covariance = covariance + self._relative_covariance[n]
         return covariance
 
-    def add_anchor(self, T_previous_anchor: Pose2, information: FloatArray) -> None:
-        """A new anchor, as the front end measured it against the last one."""
+    def add_anchor(self, of: int, T_of_anchor: Pose2, information: FloatArray) -> None:
+        """A new anchor, as the front end measured it against the one that the robot comes from."""
         if self.count == len(self._nodes):
             self._nodes = np.concatenate([self._nodes, np.empty_like(self._nodes)])
-        previous = self.count - 1
-        self._nodes[self.count] = (self.pose(previous) @ T_previous_anchor).to_array()
-        self._relative.append(T_previous_anchor.to_array())
+        self._nodes[self.count] = (self.pose(of) @ T_of_anchor).to_array()
+        self._parents.append(of)
+        self._relative.append(T_of_anchor.to_array())
         self._relative_covariance.append(invert_spd(information))
         self.count += 1
-        self._add_edge(previous, self.count - 1, T_previous_anchor, information, False)
+        self._add_edge(of, self.count - 1, T_of_anchor, information, False)
 
     def add_closure(self, closure: Closure) -> None:
         """A verified loop closure; it counts by a robust kernel."""
@@ -88,7 +95,8 @@ class AnchorGraph:
         m = len(optimised.nodes)
         self._nodes[:m] = optimised.nodes
         for n in range(m, self.count):
-            self._nodes[n] = (self.pose(n - 1) @ Pose2.from_array(self._relative[n])).to_array()
+            T_of_anchor = Pose2.from_array(self._relative[n])
+            self._nodes[n] = (self.pose(self._parents[n]) @ T_of_anchor).to_array()
         self._optimised = m
         self._covariance = optimised.last_covariance
 

@@ -75,6 +75,16 @@ class CandidateFinder:
                 searches += 1
         return tuple(candidates)
 
+    def others(
+        self, anchor: int, here: Pose2, nodes: FloatArray, reach_m: float, most: int
+    ) -> tuple[Candidate, ...]:
+        """The nearest submaps but that of `anchor`, to be matched without a search."""
+        near = [self._submaps[place] for place in self.near(here, nodes, reach_m)]
+        return tuple(
+            Candidate(submap, Pose2.from_array(nodes[submap.index]).inverse() @ here, 0.0, 0.0)
+            for submap in [submap for submap in near if submap.index != anchor][:most]
+        )
+
     def near(self, here: Pose2, nodes: FloatArray, reach_m: float) -> list[int]:
         """Places (in `submaps`) of those whose way comes within reach of `here`, nearest first."""
         if not self._submaps:
@@ -94,6 +104,15 @@ class CandidateFinder:
         """Whether a closure between two anchors would tell anything new."""
         tied = self._per_pair.get((of, to), 0)
         return of <= to - self._config.recent and tied < self._config.max_per_pair
+
+    def may_tie_again(self, of: int, to: int) -> bool:
+        """Whether two submaps that know each other's place hold less closures than are of use."""
+        tied = self._per_pair.get((of, to), 0) + self._per_pair.get((to, of), 0)
+        return tied < self._config.max_per_pair
+
+    def forget_drift(self) -> None:
+        """The robot is on known ground: from here on drift begins anew."""
+        self._untied_m, self._last = 0.0, None
 
     def _window(self) -> tuple[float, float]:
         """Half extents (m, rad) that hold the drift since the last closure."""

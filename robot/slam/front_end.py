@@ -42,20 +42,22 @@ MATCH_FLOOR = np.diag([3e-3**2, 3e-3**2, 1e-3**2])
 
 @dataclass(frozen=True, slots=True)
 class NewAnchor:
-    """A submap that starts: its anchor as seen from the one before, with information."""
+    """A submap that starts: its anchor as seen from that of submap `of`, with information."""
 
+    of: int
     index: int
-    T_previous_anchor: Pose2
+    T_of_anchor: Pose2
     information: FloatArray
 
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """What a scan led to: whether it was drawn, an anchor that starts, a submap that is full."""
+    """What a scan led to: whether the robot has moved on (and drawn the scan, unless the submap is
+    a finished one), an anchor that starts, a submap that is full."""
 
     match: Match
     returns: Returns
-    drawn: bool
+    moved: bool
     anchor: NewAnchor | None = None
     finished: Submap | None = None
 
@@ -67,7 +69,8 @@ class FrontEnd:
         self._config = config
         self._noise = noise_model(lidar)
         self._range_m = min(lidar.max_range_m, config.usable_range_m)
-        self.current = self._new_submap(0)
+        self._newest = -1
+        self.current = self._new_submap()
         self._next: Submap | None = None
         self._T_current_next = IDENTITY
         self.pose = IDENTITY  # T_anchor_base of the current submap
@@ -90,11 +93,36 @@ class FrontEnd:
         match = self._match(returns)
         self._accept(match)
         if not self._moved_enough():
-            return Progress(match, returns, drawn=False)
+            return Progress(match, returns, moved=False)
+        self._last_drawn = self.pose
+        if self.current.finished:
+            return Progress(match, returns, moved=True)
         self._draw(returns)
         finished = self._turn_over() if self._fill(self.current) >= 1.0 else None
         anchor = self._start_next(returns) if self._fill(self.current) >= 0.5 else None
         return Progress(match, returns, True, anchor, finished)
+
+    def settle(self, submap: Submap, T_submap_base: Pose2) -> list[Submap]:
+        """Go on in a finished submap, in which nothing is drawn any more; what was being filled is
+        finished as it is, and returned."""
+        T_submap_current = T_submap_base @ self.pose.inverse()
+        left = [filling for filling in (self.current, self._next) if filling is not None]
+        left = [filling for filling in left if not filling.finished]
+        for filling in left:
+            filling.finish()
+        self.current, self._next = submap, None
+        self.pose = self._last_drawn = T_submap_base
+        self._last_scan_pose = T_submap_current @ self._last_scan_pose
+        return left
+
+    def depart(self, returns: Returns) -> NewAnchor:
+        """Leave a finished submap for an empty one, whose anchor is where the robot is now."""
+        of, T_of_anchor = self.current.index, self.pose
+        self.current = self._new_submap()
+        self._last_scan_pose = T_of_anchor.inverse() @ self._last_scan_pose
+        self.pose = self._last_drawn = IDENTITY
+        self.current.insert(IDENTITY, returns)
+        return NewAnchor(of, self.current.index, T_of_anchor, invert_spd(self.covariance))
 
     # matching
 
@@ -190,8 +218,9 @@ class FrontEnd:
 
     # submaps
 
-    def _new_submap(self, index: int) -> Submap:
-        return Submap.start(index, self._range_m + self._config.submap_m + 0.5)
+    def _new_submap(self) -> Submap:
+        self._newest += 1
+        return Submap.start(self._newest, self._range_m + self._config.submap_m + 0.5)
 
     def _moved_enough(self) -> bool:
         if self._last_drawn is None:
@@ -206,7 +235,6 @@ class FrontEnd:
         return max(by_count, submap.travel_m / self._config.submap_m)
 
     def _draw(self, returns: Returns) -> None:
-        self._last_drawn = self.pose
         self.current.insert(self.pose, returns)
         if self._next is not None:
             self._next.insert(self._T_current_next.inverse() @ self.pose, returns)
@@ -215,10 +243,11 @@ class FrontEnd:
         """A submap whose anchor is where the robot is now; the scan just drawn is its first."""
         if self._next is not None:
             return None
-        self._next = self._new_submap(self.current.index + 1)
+        self._next = self._new_submap()
         self._next.insert(IDENTITY, returns)
         self._T_current_next = self.pose
-        return NewAnchor(self._next.index, self.pose, invert_spd(self.covariance))
+        information = invert_spd(self.covariance)
+        return NewAnchor(self.current.index, self._next.index, self.pose, information)
 
     def _turn_over(self) -> Submap | None:
         """The filling submap takes over; poses are from now on relative to its anchor."""

@@ -28,6 +28,8 @@ from robot.slam.submap import Submap
 from robot.slam.trajectory import RelativeTrajectory
 
 START_INFORMATION = np.eye(3) * 1e6
+# Of an anchor that is held by a closure instead.
+UNTIED = np.eye(3) * 1e-2
 JOB = "loop-closure"
 
 
@@ -61,6 +63,7 @@ class GraphSlam:
         self._entries: list[Entry] = [Anchor(0, start, START_INFORMATION)]
         self._keyframes = 0
         self._last_keyframe: Pose2 | None = None
+        self._kept: dict[tuple[int, int, int], int] = {}
         self.loop_closures = 0
         self.refusals: dict[str, int] = {}
         """How often candidates were refused, by reason."""
@@ -77,8 +80,11 @@ class GraphSlam:
         if scan is not None:
             progress = self._front_end.correct(scan)
             self._extend(progress)
-            if progress.drawn:
+            if progress.moved and self._front_end.current.finished:
+                self._stay_on_known_ground(progress.returns)
+            elif progress.moved:
                 self._look_for_loops(tick, progress.returns)
+                self._settle_where_known(progress.returns)
             self._keep(tick, scan)
         self._trajectory.append(self._front_end.current.index, self._front_end.pose)
         return self._estimate()
@@ -98,24 +104,27 @@ class GraphSlam:
         return self._graph.snapshot()[0]
 
     def _land(self, findings: Findings) -> None:
-        for closure in findings.closures:
-            self._graph.add_closure(closure)
-            self._entries.append(closure)
-            self.loop_closures += 1
+        self._add_closures(findings.closures)
         for verdict in findings.verdicts:
             if not verdict.accepted:
                 self.refusals[verdict.reason] = self.refusals.get(verdict.reason, 0) + 1
         if findings.optimised is not None:
             self._graph.apply(findings.optimised)
-        self._candidates.note(findings.closures)
+
+    def _add_closures(self, closures: tuple[Closure, ...]) -> None:
+        for closure in closures:
+            self._graph.add_closure(closure)
+            self._entries.append(closure)
+            self.loop_closures += 1
+        self._candidates.note(closures)
 
     def _extend(self, progress: Progress) -> None:
         if progress.finished is not None:
             self._candidates.add(progress.finished)
         if progress.anchor is not None:
             anchor = progress.anchor
-            self._graph.add_anchor(anchor.T_previous_anchor, anchor.information)
-            self._entries.append(Anchor(anchor.index, anchor.T_previous_anchor, anchor.information))
+            self._graph.add_anchor(anchor.of, anchor.T_of_anchor, anchor.information)
+            self._entries.append(Anchor(anchor.index, anchor.T_of_anchor, anchor.information))
 
     def _look_for_loops(self, tick: int, returns: Returns) -> None:
         front_end, config = self._front_end, self._config.closures
@@ -140,22 +149,94 @@ class GraphSlam:
             self._config,
         )
 
+    # known ground
+
+    def _settle_where_known(self, returns: Returns) -> None:
+        """Stop mapping where enough submaps have seen the place."""
+        config = self._config.revisits
+        if len(self._front_end.current.keyframes) < config.min_keyframes:
+            return
+        near = self._candidates.near(self._here(), self._graph.nodes, config.near_m)
+        if len(near) >= config.enough_submaps:
+            self._settle(returns)
+
+    def _stay_on_known_ground(self, returns: Returns) -> None:
+        """Go on in another submap when this one shows too little, or map again if none does."""
+        front_end = self._front_end
+        view = front_end.current.field.overlay(front_end.pose, returns, rays=False)
+        seen = view.overlap >= self._config.revisits.leave_overlap
+        if (seen and view.hits >= self._config.closures.min_hits) or self._settle(returns):
+            return
+        anchor = front_end.depart(returns)
+        self._graph.add_anchor(anchor.of, anchor.T_of_anchor, anchor.information)
+        # In the journal an anchor follows the one before it; what holds this one is a closure.
+        T_previous_anchor = self._graph.pose(anchor.index - 1).inverse() @ self._graph.pose(
+            anchor.index
+        )
+        self._entries.append(Anchor(anchor.index, T_previous_anchor, UNTIED))
+        self._entries.append(
+            Closure(anchor.of, anchor.index, anchor.T_of_anchor, anchor.information)
+        )
+
+    def _settle(self, returns: Returns) -> bool:
+        """Go on in the finished submap nearby that shows most of the scan, if one shows enough."""
+        front_end, config = self._front_end, self._config
+        anchor, pose = front_end.current.index, front_end.pose
+        query = Query(anchor, pose, front_end.match_covariance, returns)
+        candidates = self._candidates.others(
+            anchor,
+            self._here(),
+            self._graph.nodes,
+            config.closures.radius_m,
+            config.revisits.max_tries,
+        )
+        verdicts = examine(query, candidates, config.closures)
+        known = [v for v in verdicts if v.accepted and v.overlap >= config.revisits.settle_overlap]
+        if not known:
+            return False
+        best = max(known, key=lambda verdict: verdict.overlap)
+        submap = next(c.submap for c in candidates if c.submap.index == best.of)
+        if self._candidates.may_tie_again(best.of, anchor):
+            self._add_closures((Closure(best.of, anchor, best.T_of_to, best.information),))
+        for left in front_end.settle(submap, best.T_of_to @ pose):
+            self._candidates.add(left)
+        self._candidates.forget_drift()
+        return True
+
+    def _here(self) -> Pose2:
+        return self._graph.pose(self._front_end.current.index) @ self._front_end.pose
+
+    # what is handed on
+
     def _keep(self, tick: int, scan: LaserScan) -> None:
         """Hand a keyframe to the journal when the robot has moved on since the last one."""
         front_end, config = self._front_end, self._config.front_end
-        anchor = front_end.current.index
-        pose = self._graph.pose(anchor) @ front_end.pose
+        pose = self._here()
         if self._last_keyframe is not None:
             moved = self._last_keyframe.inverse() @ pose
             near = math.hypot(moved.x, moved.y) < config.journal_m
             if near and abs(moved.theta) < config.journal_rad:
                 return
+        if not self._is_wanted(pose):
+            return
         self._last_keyframe = pose
-        covariance = front_end.covariance.copy()
+        anchor, covariance = front_end.current.index, front_end.covariance.copy()
         self._entries.append(
             Keyframe(self._keyframes, tick, anchor, front_end.pose, covariance, scan.ranges)
         )
         self._keyframes += 1
+
+    def _is_wanted(self, pose: Pose2) -> bool:
+        """Whether few keyframes show this place from this side; counts one more if so."""
+        config = self._config.revisits
+        place = (
+            math.floor(pose.x / config.place_m),
+            math.floor(pose.y / config.place_m),
+            math.floor(pose.theta / config.place_rad),
+        )
+        kept = self._kept.get(place, 0)
+        self._kept[place] = min(kept + 1, config.enough_keyframes)
+        return kept < config.enough_keyframes
 
     def _estimate(self) -> Estimate:
         front_end = self._front_end

@@ -1,5 +1,6 @@
 """A small building with a loop corridor, driven round with noisy wheels and a noisy scanner."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -81,6 +82,12 @@ def drive(laps: float, seed: int, noise: str = "modern", every: int = 1) -> Driv
         increments = forward + turn * np.array([-0.5, 0.5]) * body.wheel_base_m
         wheels += increments * (1.0 + body.encoder_noise * rng.standard_normal(2))
     return Drive(lidar, body, np.array(truth[::every]), motions, scans)
+
+
+@pytest.fixture(scope="session")
+def drive_laps() -> Callable[..., Drive]:
+    """`drive`, for tests that go round more often."""
+    return drive
 
 
 @pytest.fixture(scope="session")
