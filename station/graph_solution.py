@@ -9,8 +9,8 @@ import numpy as np
 from protocol.errors import EarshotError
 from protocol.model import Model
 from protocol.pose import FloatArray
+from robot.slam.admission import optimise_admitting
 from robot.slam.chordal import chordal_start
-from robot.slam.graduated import optimise_graduated
 from robot.slam.normal_equations import (
     BoolArray,
     IntArray,
@@ -18,7 +18,7 @@ from robot.slam.normal_equations import (
     floats,
     integers,
 )
-from robot.slam.pose_graph import minimise
+from robot.slam.pose_graph import minimise, squared_errors
 from station.formats import PoseGraph, chained
 
 PEER_ITERATIONS = 100
@@ -36,6 +36,19 @@ class PeerFigures(Model):
     iterations: int
 
 
+class FalseClosureFigures(Model):
+    """With false closures added: χ² over the edges of the file, and the distance of the nodes (root
+    of the mean square) from where they are without the false ones; the same by least squares."""
+
+    added: int
+    clean_chi2: float
+    clean_seconds: float
+    true_chi2: float
+    off_m: float
+    plain_true_chi2: float
+    plain_off_m: float
+
+
 class GraphFigures(Model):
     """metrics.json of `earshot optimise`. `chi2` is Σ eᵀΩe over the edges that count, `seconds`
     the time from the read file to the solution."""
@@ -48,15 +61,15 @@ class GraphFigures(Model):
     iterations: int
     converged: bool
     refused: int = 0
+    false_closures: FalseClosureFigures | None = None
     peer: PeerFigures | None = None
 
 
 def solve(graph: PoseGraph, start: str, robust: bool) -> tuple[GraphFigures, FloatArray]:
     """Figures and solved nodes (m×3); node 0 stays where it is.
 
-    `start` is file, odometry, chordal, or auto: the one of odometry and chordal with less error,
-    odometry alone for `robust`, since one false edge bends a chordal start. Raises GraphError,
-    PoseGraphError.
+    `start` is file, odometry, chordal, or auto: the one of odometry and chordal with less error.
+    `robust` starts from odometry. Raises GraphError, PoseGraphError.
     """
     if len(graph.edge_nodes) == 0:
         raise GraphError("the graph has no edge: there is nothing to optimise")
@@ -66,9 +79,9 @@ def solve(graph: PoseGraph, start: str, robust: bool) -> tuple[GraphFigures, Flo
     refused = 0
     odometry = graph.nodes if start == "file" else _by_odometry(graph)
     if robust:
-        doubted = np.abs(np.diff(edges, axis=1).ravel()) != 1
-        found = optimise_graduated(odometry, edges, measured, information, fixed, doubted)
-        solution, refused, name = found.solution, int((found.weights == 0.0).sum()), "odometry"
+        doubted = doubted_edges(edges)
+        found = optimise_admitting(odometry, edges, measured, information, fixed, doubted)
+        solution, refused, name = found.solution, int((~found.accepted).sum()), "odometry"
     else:
         problem = NormalEquations(odometry, edges, measured, information, fixed, None, 1.0)
         starts = {"file" if start == "file" else "odometry": odometry}
@@ -90,6 +103,61 @@ def solve(graph: PoseGraph, start: str, robust: bool) -> tuple[GraphFigures, Flo
     return figures, solution.nodes
 
 
+def doubted_edges(edges: IntArray) -> BoolArray:
+    """Which edges (k) are closures: all but the first one between consecutive nodes."""
+    doubted = np.ones(len(edges), dtype=np.bool_)
+    steps = np.flatnonzero(np.abs(np.diff(edges, axis=1).ravel()) == 1)
+    _, first = np.unique(edges[steps].min(axis=1), return_index=True)
+    doubted[steps[first]] = False
+    return doubted
+
+
+def with_false_closures(graph: PoseGraph, share: float, seed: int) -> PoseGraph:
+    """The graph with as many false closures appended as `share` of its closures.
+
+    Each ties two random nodes by the translation and information of a random closure of the file,
+    as a place taken for another one does, and a random heading.
+    """
+    rng = np.random.default_rng(seed)
+    closures = np.flatnonzero(doubted_edges(integers(graph.edge_nodes)))
+    count = round(share * len(closures))
+    ends = [np.sort(rng.choice(len(graph.nodes), 2, replace=False)) for _ in range(count)]
+    values = graph.edge_values[rng.choice(closures, count)] if count else graph.edge_values[:0]
+    values = values.copy()
+    values[:, 2] = rng.uniform(-np.pi, np.pi, count)
+    return PoseGraph(
+        graph.nodes,
+        np.vstack([graph.edge_nodes, np.array(ends, dtype=np.int32).reshape(-1, 2)]),
+        np.vstack([graph.edge_values, values]),
+    )
+
+
+def among_false(graph: PoseGraph, share: float, seed: int) -> tuple[GraphFigures, FloatArray]:
+    """Solve robustly with false closures added, beside the same graph without them."""
+    clean, clean_nodes = solve(graph, "auto", robust=False)
+    worse = with_false_closures(graph, share, seed)
+    edges, measured, information, _ = arrays_of(graph)
+
+    def chi2_of(nodes: FloatArray) -> float:
+        return float(squared_errors(nodes, edges, measured, information).sum())
+
+    def off(nodes: FloatArray) -> float:
+        return float(np.sqrt(((nodes - clean_nodes)[:, :2] ** 2).sum(axis=1).mean()))
+
+    _, plain_nodes = solve(worse, "auto", robust=False)
+    figures, nodes = solve(worse, "odometry", robust=True)
+    robust = FalseClosureFigures(
+        added=len(worse.edge_nodes) - len(edges),
+        clean_chi2=clean.chi2,
+        clean_seconds=clean.seconds,
+        true_chi2=chi2_of(nodes),
+        off_m=off(nodes),
+        plain_true_chi2=chi2_of(plain_nodes),
+        plain_off_m=off(plain_nodes),
+    )
+    return figures.model_copy(update={"false_closures": robust}), nodes
+
+
 def arrays_of(graph: PoseGraph) -> tuple[IntArray, FloatArray, FloatArray, BoolArray]:
     """Edges (k×2), measurements (k×3), information (k×3×3) and which nodes are fixed (m): the
     first."""
@@ -108,6 +176,8 @@ def load_kernels() -> None:
     chained(3, edges.astype(np.int32), measured)
     problem = NormalEquations(nodes, edges, measured, information, fixed, None, 1.0)
     minimise(problem, chordal_start(problem))
+    doubted = np.array([False, False, True])
+    optimise_admitting(nodes, integers(edges), measured, information, fixed, doubted)
 
 
 def _by_odometry(graph: PoseGraph) -> FloatArray:

@@ -88,13 +88,19 @@ class BlockCholesky:
             self._blocks,
             self._inverses,
             first,
-            J.ravel(),
+            J,
             second,
-            K.ravel(),
+            K,
             self._work,
             out,
         )
         return out
+
+    @property
+    def factor(self) -> tuple[IntArray, IntArray, FloatArray, FloatArray, FloatArray]:
+        """What `spread` takes of this: column starts, row of each place, L, inverse diagonal,
+        work space."""
+        return self._column_starts, self._column_rows, self._blocks, self._inverses, self._work
 
 
 def _minimum_degree(count: int, pairs: IntArray) -> IntArray:

@@ -209,7 +209,7 @@ def solve(column_starts, column_rows, blocks, inverses, x):
 
 @kernel
 def spread(column_starts, column_rows, blocks, inverses, first, J, second, K, work, out):
-    """out (3×3) = [J K] A⁻¹ [J K]ᵀ, J and K (9) at the block columns `first` and `second`.
+    """out (3×3) = [J K] A⁻¹ [J K]ᵀ, J and K (3×3) at the block columns `first` and `second`.
 
     −1 stands for a column that is not there. Only the two paths to the root of the elimination
     tree are walked. `work` (n×9) must be zero and is so again at the end.
@@ -218,9 +218,9 @@ def spread(column_starts, column_rows, blocks, inverses, first, J, second, K, wo
     for r in range(3):
         for c in range(3):
             if first >= 0:
-                work[first, 3 * r + c] += J[3 * c + r]
+                work[first, 3 * r + c] += J[c, r]
             if second >= 0:
-                work[second, 3 * r + c] += K[3 * c + r]
+                work[second, 3 * r + c] += K[c, r]
     a = first
     b = second
     y = np.empty(9)

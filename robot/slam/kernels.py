@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from protocol.kernel import inlined, kernel
+from robot.slam.cholesky_kernels import spread
 
 
 @inlined
@@ -147,17 +148,47 @@ def _add_product(block, J, WK):
 
 
 @kernel
-def edge_jacobians(nodes, i, j, measurement, e, A, B):
-    """The error e (3) of one edge, and its Jacobians A and B (3×3) at both nodes."""
-    A[:, :] = 0.0
-    B[:, :] = 0.0
-    lx, ly = _error(nodes, i, j, measurement, e)
-    _jacobians(measurement, e, lx, ly, A, B)
+def innovations(
+    nodes,
+    edge_nodes,
+    measurements,
+    wanted,
+    blocks,
+    column_starts,
+    column_rows,
+    factor,
+    inverses,
+    work,
+    errors,
+    covariances,
+):
+    """Errors (q×3) of edges, and [A B] H⁻¹ [A B]ᵀ (q×3×3) of those that are `wanted` (q)."""
+    A = np.zeros((3, 3))
+    B = np.zeros((3, 3))
+    for q in range(edge_nodes.shape[0]):
+        i = edge_nodes[q, 0]
+        j = edge_nodes[q, 1]
+        lx, ly = _error(nodes, i, j, measurements[q], errors[q])
+        covariances[q] = 0.0
+        if wanted[q]:
+            _jacobians(measurements[q], errors[q], lx, ly, A, B)
+            spread(
+                column_starts,
+                column_rows,
+                factor,
+                inverses,
+                blocks[i],
+                A,
+                blocks[j],
+                B,
+                work,
+                covariances[q],
+            )
 
 
 @kernel
 def linearise_headings(
-    nodes, edge_nodes, measurements, information, blocks, slots, diagonal, lower, gradient
+    nodes, edge_nodes, measurements, information, weights, blocks, slots, diagonal, lower, gradient
 ):
     """Normal equations of Σ ω |z_j − exp(iθ) z_i|², z complex: (real, imaginary, nothing).
 
@@ -170,7 +201,7 @@ def linearise_headings(
     for k in range(edge_nodes.shape[0]):
         bi = blocks[edge_nodes[k, 0]]
         bj = blocks[edge_nodes[k, 1]]
-        w = information[k, 2, 2]
+        w = weights[k] * information[k, 2, 2]
         c = w * math.cos(measurements[k, 2])
         s = w * math.sin(measurements[k, 2])
         for b in (bi, bj):
@@ -196,7 +227,7 @@ def linearise_headings(
 
 @kernel
 def linearise_positions(
-    nodes, edge_nodes, measurements, information, blocks, slots, diagonal, lower, gradient
+    nodes, edge_nodes, measurements, information, weights, blocks, slots, diagonal, lower, gradient
 ):
     """Normal equations of Σ |Tᵀ (p_j − p_i) − R_ijᵀ t|²_Ω with T = R_i R_ij: (x, y, nothing).
 
@@ -212,9 +243,9 @@ def linearise_positions(
         j = edge_nodes[k, 1]
         c = math.cos(nodes[i, 2] + measurements[k, 2])
         s = math.sin(nodes[i, 2] + measurements[k, 2])
-        w00 = information[k, 0, 0]
-        w01 = information[k, 0, 1]
-        w11 = information[k, 1, 1]
+        w00 = weights[k] * information[k, 0, 0]
+        w01 = weights[k] * information[k, 0, 1]
+        w11 = weights[k] * information[k, 1, 1]
         # M = T Ω Tᵀ
         m00 = c * c * w00 - 2.0 * c * s * w01 + s * s * w11
         m01 = c * s * (w00 - w11) + (c * c - s * s) * w01

@@ -123,14 +123,32 @@ class NormalEquations:
             return np.zeros((3, 3))
         return self._factor.spread(block, np.eye(3), -1, np.zeros((3, 3)))
 
-    def innovation(
-        self, nodes: FloatArray, of: int, to: int, measurement: FloatArray
+    def innovations(
+        self,
+        nodes: FloatArray,
+        edge_nodes: IntArray,
+        measurements: FloatArray,
+        wanted: BoolArray,
     ) -> tuple[FloatArray, FloatArray]:
-        """e (3) of a measured `T_of_to`, and the covariance (3×3) that the graph gives it, without
-        the measurement's own; once factorised."""
-        e, A, B = np.empty(3), np.empty((3, 3)), np.empty((3, 3))
-        kernels.edge_jacobians(nodes, of, to, measurement, e, A, B)
-        return e, self._factor.spread(int(self.blocks[of]), A, int(self.blocks[to]), B)
+        """Errors (q×3) of measured `T_i_j`, and the covariances (q×3×3) that the graph gives those
+        of them that are `wanted` (q), without the measurements' own; once factorised."""
+        errors, covariances = np.empty((len(edge_nodes), 3)), np.empty((len(edge_nodes), 3, 3))
+        starts, rows, factor, inverses, work = self._factor.factor
+        kernels.innovations(
+            nodes,
+            edge_nodes,
+            measurements,
+            wanted,
+            self.blocks,
+            starts,
+            rows,
+            factor,
+            inverses,
+            work,
+            errors,
+            covariances,
+        )
+        return errors, covariances
 
     def retract(self, nodes: FloatArray, step: FloatArray) -> FloatArray:
         """The nodes moved by a step (count×3)."""
@@ -143,6 +161,7 @@ class NormalEquations:
             self.edge_nodes,
             self.measurements,
             self.information,
+            self.weights,
             self.blocks,
             self._slots,
             self._diagonal,
