@@ -5,7 +5,7 @@ travel on keys of their own, before the message that counts them, so `frames` is
 encoding and `frame_count` says how many belong to it.
 """
 
-from typing import Annotated, ClassVar, Self
+from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -158,6 +158,8 @@ class TeammateView(Model):
     last_heard_tick: int = Field(ge=-1)
     entries: int = Field(ge=0, description="journal entries of that robot held here")
     pose: PoseModel | None = None
+    alignment: Literal["unknown", "tentative", "aligned", "contradictory"] = "unknown"
+    alignment_reason: str = Field("", max_length=200)
 
 
 class Report(Message):

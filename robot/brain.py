@@ -32,8 +32,9 @@ from robot.slam.config import GraphSlamConfig
 from robot.slam.engine import Estimate
 from robot.slam.engines import make_engine
 from robot.slam.trajectory import RelativeTrajectory
-from robot.team.joint import Solution, anchor_pose, anchor_poses, solve
+from robot.team.joint import Solution, anchor_pose, anchor_poses
 from robot.team.links import LinkFinder
+from robot.team.place_finder import PlaceFinder
 from robot.team.team import LiveState, Team
 
 FOLLOW_EVERY_TICKS = 10
@@ -53,6 +54,7 @@ class Brain:
             config.engine, config.lidar, config.body, self._start, self._jobs
         )
         self._team = Team(config, incarnation, self._jobs)
+        self._places = PlaceFinder(self._team.own_log, config.lidar)
         self._links = LinkFinder(self._team.own_log, config.lidar, GraphSlamConfig())
         self._own_map = KeyframeMap(config.lidar)
         self._joint_map = KeyframeMap(config.lidar)
@@ -76,7 +78,7 @@ class Brain:
         self._link(sense.tick)
         self._update_maps(sense.tick)
         decision = self._decide(sense, motion, scan)
-        frames = self._speak(sense.tick, decision)
+        frames = self._speak(sense, decision)
         return Action(
             tick=sense.tick,
             drive=decision.drive,
@@ -111,8 +113,10 @@ class Brain:
             self._sightings[sighting.robot] = (sense.tick, Pose2(x, y, 0.0))
 
     def _link(self, tick: int) -> None:
-        """Tie this robot's submaps to what teammates saw of the same places."""
+        """Find out how teammates' maps lie, and tie this robot's submaps to what they saw of the
+        same places."""
         team = self._team
+        team.write(self._places.step(tick, self._jobs, team.graph, team.solution))
         team.write(
             self._links.step(tick, self._jobs, team.graph, team.solution, self._engine.submaps)
         )
@@ -133,7 +137,7 @@ class Brain:
         )
         return self._decision
 
-    def _speak(self, tick: int, decision: Decision) -> tuple[RadioFrame, ...]:
+    def _speak(self, sense: Sense, decision: Decision) -> tuple[RadioFrame, ...]:
         anchor, T_anchor_base = self._anchored()
         T_team_base = self._pose_in_team()
         goal = decision.goal
@@ -144,8 +148,9 @@ class Brain:
             self._estimate.covariance,
             None if T_base_goal is None else T_anchor_base @ T_base_goal,
             decision.finished,
+            sense.sightings,
         )
-        frames = tuple(self._team.speak(tick, live))
+        frames = tuple(self._team.speak(sense.tick, live))
         self._counts["frames_sent"] += len(frames)
         self._counts["bytes_sent"] += sum(frame.size_bytes for frame in frames)
         return frames
@@ -222,37 +227,42 @@ class Brain:
     def _view_of(self, name: str, tick: int) -> TeammateView:
         known = self._team.teammate_pose(name)
         heard = self._team.heard.get(name)
+        state, reason = self._team.standing.state_of(name)
         return TeammateView(
             robot=name,
             in_range=name in self._team.gossip.in_range(tick),
             last_heard_tick=heard.tick if heard else -1,
             entries=self._team.journal.count_of(name),
             pose=PoseModel.of(known[0]) if known else None,
+            alignment=state.value,
+            alignment_reason=reason,
         )
 
     def map_reply(self, exact: bool = False) -> MapReply:
-        """The present maps. Exact ones are drawn anew, from the journal alone: robots with equal
-        journals then answer with equal joint maps; the others follow a second behind."""
+        """The present maps in this robot's frame. Exact ones are drawn anew, from the journal alone
+        and in the frame of the robots it is aligned with: those with equal journals then answer
+        with equal joint maps; the others follow a second behind."""
         if not exact:
             own, joint = self._own_map.map, self._joint_map.map
         else:
             graph, lidar = self._team.graph, self.config.lidar
-            solution = solve(graph.problem())
+            solution, _ = self._team.standing.exactly(graph)
             own = draw_exactly(graph, self._own_anchors(solution), lidar)
             joint = draw_exactly(graph, solution, lidar)
         return MapReply(own=_patch(own.grid()), joint=_patch(joint.grid()))
 
     def trajectory_reply(self) -> TrajectoryReply:
-        """The trajectory so far, the pose graph, and the counts to hold against the ledger."""
+        """The trajectory so far in the frame of the robots that this one is aligned with, the pose
+        graph, and the counts to hold against the ledger."""
         graph = self._engine.graph()
-        solution = solve(self._team.graph.problem())
+        solution, T_group_own = self._team.standing.exactly(self._team.graph)
         anchors = self._own_anchors(solution)[self._team.own_log]
-        start = self._start.to_array()[None, :]
+        start = (T_group_own @ self._start).to_array()[None, :]
         upper = graph.information[:, [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]
         return TrajectoryReply(
             ticks=np.array(self._ticks, dtype=np.int64),
             stamps=np.array(self._stamps),
-            online=self._online.poses(IDENTITY.to_array()[None, :]),
+            online=self._online.poses(T_group_own.to_array()[None, :]),
             final=self._engine.trajectory(anchors),
             dead_reckoned=self._dead_reckoned.poses(start),
             nodes=graph.nodes,

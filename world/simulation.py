@@ -131,12 +131,13 @@ class Simulation:
         scenario, number = self.scenario, self.names.index(name)
         spec = scenario.robots[number]
         x, y, theta = self._starts[number].tolist()
+        knows = scenario.starts == "known"
         return RobotConfig(
             name=name,
             team=self.names,
             seed=scenario.seed,
             tick_s=scenario.tick_s,
-            start=PoseModel(x_m=x, y_m=y, theta_rad=theta),
+            start=PoseModel(x_m=x, y_m=y, theta_rad=theta) if knows else None,
             body=scenario.body,
             lidar=scenario.lidar,
             sightings=scenario.sightings,

@@ -34,7 +34,12 @@ class KeyframeMap:
         return np.concatenate([np.empty((0, 2)), *drawn])
 
     def follow(self, graph: JointGraph, placed: Solution) -> None:
-        """Note where the keyframes belong, for `placed` poses (m×3) of the anchors of logs."""
+        """Note where the keyframes belong, for `placed` poses (m×3) of the anchors of logs; those
+        of other logs leave the map at once."""
+        for name in sorted(set(self._drawn) - set(placed)):
+            for index in range(len(self._drawn[name])):
+                self.map.remove((name.robot, name.incarnation, index))
+            del self._drawn[name], self._wanted[name]
         for name in sorted(placed):
             log = graph.log(name)
             if log is None or not log.anchors:

@@ -2,12 +2,13 @@
 
 A beacon is a msgpack list:
 
-    [incarnation, anchor, pose, sigma, goal or None, finished, hears, vector]
+    [incarnation, anchor, pose, sigma, goal or None, finished, hears, vector, sees]
 
 `pose` (3 float32) is relative to the sender's own anchor `anchor`, as is the goal, so that it
 means something to everyone who holds that anchor, whatever frame they map in. `hears` names the
 robots that the sender heard lately; `vector` is its version vector, [[robot, incarnation,
-count], …]. With `hears`, others know which entries they need not relay.
+count], …]. With `hears`, others know which entries they need not relay. `sees` is whom the sender
+sees at that tick, [[robot, range and bearing (2 float32)], …].
 """
 
 from dataclasses import dataclass
@@ -17,6 +18,7 @@ import msgpack
 import numpy as np
 
 from protocol.errors import MalformedMessageError
+from protocol.messages import Sighting
 from protocol.pose import FloatArray, Pose2
 from robot.team.journal import MAX_SEQUENCE, LogName
 
@@ -35,6 +37,7 @@ class Beacon:
     finished: bool
     hears: tuple[str, ...]
     vector: dict[LogName, int]
+    sightings: tuple[Sighting, ...] = ()
 
 
 def encode_beacon(beacon: Beacon) -> bytes:
@@ -48,6 +51,10 @@ def encode_beacon(beacon: Beacon) -> bytes:
         beacon.finished,
         list(beacon.hears),
         [[log.robot, log.incarnation, count] for log, count in beacon.vector.items()],
+        [
+            [seen.robot, np.array([seen.range_m, seen.bearing_rad], dtype="<f4").tobytes()]
+            for seen in beacon.sightings
+        ],
     ]
     packed: bytes = msgpack.packb(fields, use_bin_type=True)
     return packed
@@ -57,28 +64,34 @@ def decode_beacon(data: bytes) -> Beacon:
     """Raises MalformedMessageError on anything that `encode_beacon` does not write."""
     try:
         fields = msgpack.unpackb(data, raw=False, max_map_len=0, max_ext_len=0)
-        incarnation, anchor, pose, sigma, goal, finished, hears, vector = fields
+        incarnation, anchor, pose, sigma, goal, finished, hears, vector, sees = fields
         return Beacon(
             _number(incarnation),
             _number(anchor),
-            Pose2.from_array(_floats(pose)),
-            _floats(sigma),
-            None if goal is None else Pose2.from_array(_floats(goal)),
+            Pose2.from_array(_floats(pose, 3)),
+            _floats(sigma, 3),
+            None if goal is None else Pose2.from_array(_floats(goal, 3)),
             bool(finished),
             tuple(_name(robot) for robot in _list(hears)),
             {
                 LogName(_name(robot), _number(life)): _number(count)
                 for robot, life, count in _list(vector)
             },
+            tuple(_sighting(robot, where) for robot, where in _list(sees)),
         )
     except Exception as error:  # a stranger's bytes fail in many ways that mean the same here
         raise MalformedMessageError("beacon", str(error)[:100]) from error
 
 
-def _floats(data: Any) -> FloatArray:
+def _sighting(robot: Any, where: Any) -> Sighting:
+    range_m, bearing = _floats(where, 2).tolist()
+    return Sighting(robot=_name(robot), range_m=range_m, bearing_rad=bearing)
+
+
+def _floats(data: Any, count: int) -> FloatArray:
     values = np.frombuffer(data, dtype="<f4").astype(np.float64)
-    if values.shape != (3,) or not np.isfinite(values).all() or np.abs(values).max() > 1e6:
-        raise ValueError("expected three finite float32")
+    if values.shape != (count,) or not np.isfinite(values).all() or np.abs(values).max() > 1e6:
+        raise ValueError(f"expected {count} finite float32")
     return values
 
 

@@ -63,6 +63,19 @@ def solve_alone(graph: JointGraph, name: LogName) -> LoneLog:
     return LoneLog(anchors, gathered_covariance(relative, covariance))
 
 
+class LoneLogs:
+    """Logs solved by themselves, each when it is first asked for."""
+
+    def __init__(self, graph: JointGraph) -> None:
+        self._graph = graph
+        self._solved: dict[LogName, LoneLog] = {}
+
+    def __getitem__(self, name: LogName) -> LoneLog:
+        if name not in self._solved:
+            self._solved[name] = solve_alone(self._graph, name)
+        return self._solved[name]
+
+
 def weight_of(evidence: Evidence) -> float:
     """What a match is worth by itself, 0…1 for a place: one without contradiction, whose surfaces
     agree and which covers much, unlike what is found elsewhere."""
@@ -74,9 +87,7 @@ def weight_of(evidence: Evidence) -> float:
     return agreeing * crossing * covering
 
 
-def hypotheses(
-    graph: JointGraph, lone: dict[LogName, LoneLog], a: LogName, b: LogName
-) -> list[Hypothesis]:
+def hypotheses(graph: JointGraph, lone: LoneLogs, a: LogName, b: LogName) -> list[Hypothesis]:
     """The ways in which log b may lie to log a, the one of most worth first."""
     matches, names = _matches(graph, lone, a, b)
     if not names:
@@ -102,7 +113,7 @@ def hypotheses(
 
 
 def _matches(
-    graph: JointGraph, lone: dict[LogName, LoneLog], a: LogName, b: LogName
+    graph: JointGraph, lone: LoneLogs, a: LogName, b: LogName
 ) -> tuple[Matches, list[LinkName]]:
     """What either log says of the other without having assumed it, as seen from log a."""
     rows = []

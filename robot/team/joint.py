@@ -5,6 +5,7 @@ solutions, to the last bit, in whatever order the entries came. So it always sta
 chains of anchors as their owners measured them, never from an older solution.
 """
 
+from collections.abc import Collection
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -102,14 +103,15 @@ class JointGraph:
             log.closures.append(entry)
         return True
 
-    def snapshot(self) -> "JointGraph":
-        """A copy that no later entry changes, for a job."""
+    def snapshot(self, names: Collection[LogName] | None = None) -> "JointGraph":
+        """A copy of some logs, or of all, that no later entry changes: for a job."""
         copy = JointGraph()
         copy._logs = {
             name: LogGraph(
                 log.hello, log.anchors[:], log.closures[:], log.keyframes[:], log.links[:]
             )
             for name, log in self._logs.items()
+            if names is None or name in names
         }
         return copy
 

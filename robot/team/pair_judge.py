@@ -9,15 +9,12 @@ whole maps are laid over each other as it says. A pair is
     contradictory   enough distinct places, but the maps do not agree, or other pairs say otherwise
 """
 
-import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
 
-from protocol.pose import FloatArray, Pose2, wrap_angle
-from robot.team.entries import Link
+from protocol.pose import FloatArray, Pose2
 from robot.team.evidence import Kind
-from robot.team.hypothesis import Hypothesis, LoneLog, hypotheses, solve_alone
+from robot.team.hypothesis import Hypothesis, LoneLogs, hypotheses
 from robot.team.joint import JointGraph, LinkName
 from robot.team.journal import LogName
 from robot.team.log_map import LogScans, Overlap, choose_scans, draw_log, lay_over
@@ -71,10 +68,10 @@ class PairView:
 class PairJudge:
     """Judges pairs of one graph; what several pairs need of a log is worked out once."""
 
-    def __init__(self, graph: JointGraph, noise: FloatArray) -> None:
+    def __init__(self, graph: JointGraph, lone: LoneLogs, noise: FloatArray) -> None:
         self._graph = graph
         self._noise = noise
-        self._lone: dict[LogName, LoneLog] = {}
+        self._lone = lone
         self._scans: dict[LogName, LogScans] = {}
 
     def known(self, a: LogName, b: LogName) -> PairView:
@@ -85,8 +82,7 @@ class PairJudge:
         """How two logs stand, by their own matches."""
         if not self._have_met(a, b):
             return PairView(a, b, State.UNKNOWN, "no match between them")
-        lone = {name: self.lone(name) for name in (a, b)}
-        found = hypotheses(self._graph, lone, a, b)
+        found = hypotheses(self._graph, self._lone, a, b)
         if not found:
             return PairView(a, b, State.UNKNOWN, "no match that is worth anything")
         best, *others = found
@@ -107,34 +103,6 @@ class PairJudge:
             best.sightings,
             max((other.worth for other in others), default=0.0) / best.worth,
             overlap,
-        )
-
-    def lone(self, name: LogName) -> LoneLog:
-        """A log solved by itself."""
-        if name not in self._lone:
-            self._lone[name] = solve_alone(self._graph, name)
-        return self._lone[name]
-
-    def near(self, name: LogName, one: Pose2, other: Pose2, metres: float, radians: float) -> bool:
-        """Whether two poses of a log's first anchor put the log's middle at about one place."""
-        middle = Pose2.from_array(self.lone(name).anchors[len(self.lone(name).anchors) // 2])
-        return _near(one @ middle, other @ middle, metres, radians)
-
-    def agrees(
-        self,
-        holder: LogName,
-        link: Link,
-        starts: Mapping[LogName, Pose2],
-        metres: float,
-        radians: float,
-    ) -> bool:
-        """Whether a link says about what logs whose first anchors lie at `starts` say already."""
-        ours, theirs = self.lone(holder).anchors, self.lone(link.log).anchors
-        if link.to >= len(theirs):
-            return False
-        measured = starts[holder] @ Pose2.from_array(ours[link.of]) @ link.T_of_to
-        return _near(
-            measured, starts[link.log] @ Pose2.from_array(theirs[link.to]), metres, radians
         )
 
     def _have_met(self, a: LogName, b: LogName) -> bool:
@@ -180,11 +148,6 @@ class PairJudge:
             log = self._graph.log(name)
             assert log is not None
             if name not in self._scans:
-                self._scans[name] = choose_scans(log, self.lone(name).anchors, self._noise)
+                self._scans[name] = choose_scans(log, self._lone[name].anchors, self._noise)
             maps.append(draw_log(log, self._scans[name], hypothesis.solution[name]))
         return lay_over(*maps)
-
-
-def _near(one: Pose2, other: Pose2, metres: float, radians: float) -> bool:
-    apart = math.hypot(one.x - other.x, one.y - other.y)
-    return apart <= metres and abs(wrap_angle(one.theta - other.theta)) <= radians

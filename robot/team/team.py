@@ -7,20 +7,20 @@ import numpy as np
 
 from protocol.config import RobotConfig
 from protocol.errors import MalformedMessageError
-from protocol.messages import HeardFrame, RadioFrame
+from protocol.messages import HeardFrame, RadioFrame, Sighting
 from protocol.pose import FloatArray, Pose2
 from robot.jobs import Jobs
 from robot.slam.engine import Entry
 from robot.team.beacon import Beacon, decode_beacon, encode_beacon
 from robot.team.entries import Hello, Link, decode_entry, encode_entry
 from robot.team.gossip import ENTRIES, FRAME_OVERHEAD_BYTES, PART, Gossip
-from robot.team.joint import JointGraph, Solution, anchor_pose, solve
+from robot.team.joint import JointGraph, Solution, anchor_pose
 from robot.team.journal import EntryName, Journal, LogName, encode_record
+from robot.team.meetings import Meetings
+from robot.team.standing import Standing
 
 BEACON = "beacon"
 BEACON_EVERY_TICKS = 5
-SOLVE_EVERY_TICKS = 20
-SOLVE_DELAY_TICKS = 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +32,7 @@ class LiveState:
     covariance: FloatArray
     T_anchor_goal: Pose2 | None
     finished: bool
+    sightings: tuple[Sighting, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,11 +54,12 @@ class Team:
         self.gossip = Gossip(config.name, self.journal, config.radio.bytes_per_tick)
         self.graph = JointGraph()
         self.heard: dict[str, Heard] = {}
-        self.solution: Solution = {}
+        start = config.start.to_pose() if config.start else None
+        self.standing = Standing(self.own_log, start, config.lidar)
+        self._meetings = Meetings(self.own_log, config.sightings)
         self.malformed: dict[str, int] = {}
         self._decoded: dict[LogName, int] = {}
         self._records: list[bytes] = []
-        self._unsolved = False
         self.write_hello(Hello.of(config))
 
     # -- what this robot learns by itself
@@ -93,6 +95,7 @@ class Team:
             beacon = decode_beacon(frame.payload)
             self.heard[frame.sender] = Heard(frame.sent_tick, beacon)
             self.gossip.hear_vector(tick, frame.sender, beacon.vector, beacon.hears)
+            self._meet(frame.sender, frame.sent_tick, beacon)
         elif frame.kind in (ENTRIES, PART):
             for name, body in self.gossip.hear_entries(frame.sender, frame.kind, frame.payload):
                 if name.log == self.own_log:
@@ -100,6 +103,15 @@ class Team:
                 self._remember(name, body)
         else:
             raise MalformedMessageError("kind", f"unknown kind of frame {frame.kind!r}")
+
+    def _meet(self, sender: str, sent_tick: int, beacon: Beacon) -> None:
+        """Write down how two robots that saw each other stood, unless both know it anyway."""
+        known = self.graph.known_starts().logs
+        if self.own_log in known and LogName(sender, beacon.incarnation) in known:
+            return
+        link = self._meetings.hear(sender, sent_tick, beacon)
+        if link is not None:
+            self.write([link])
 
     def _remember(self, name: EntryName, body: bytes) -> None:
         if not self.journal.add(name, body):
@@ -118,12 +130,13 @@ class Team:
             return
         if not self.graph.add(name.log, entry):
             self.malformed["order"] = self.malformed.get("order", 0) + 1
-        self._unsolved = True
+        self.standing.note_entry()
 
     # -- what it says
 
     def speak(self, tick: int, live: LiveState) -> list[RadioFrame]:
         """The frames of this tick: a beacon now and then, and what teammates in range lack."""
+        self._meetings.remember(tick, live.anchor, live.T_anchor_base, live.sightings)
         frames: list[RadioFrame] = []
         spent = 0
         if tick % BEACON_EVERY_TICKS == 0:
@@ -142,22 +155,22 @@ class Team:
             live.finished,
             self.gossip.in_range(tick),
             self.journal.vector(),
+            live.sightings,
         )
 
     # -- what follows from all of it
 
+    @property
+    def solution(self) -> Solution:
+        """Where the anchors of the logs lie that this robot is aligned with, in its own frame."""
+        return self.standing.solution
+
     def solve(self, tick: int) -> bool:
-        """Keep the joint solution up to date, by a job; True when a new one landed."""
-        landed = self._jobs.landed("joint", tick)
-        if landed:
-            self.solution = landed[-1]
-        if self._unsolved and not self._jobs.pending("joint") and tick % SOLVE_EVERY_TICKS == 0:
-            self._jobs.start("joint", tick, SOLVE_DELAY_TICKS, solve, self.graph.problem())
-            self._unsolved = False
-        return bool(landed)
+        """Keep alignment and joint solution up to date, by jobs; True when a new one landed."""
+        return self.standing.step(tick, self._jobs, self.graph)
 
     def teammate_pose(self, name: str) -> tuple[Pose2, Pose2 | None] | None:
-        """Pose and goal of a teammate by its last beacon, in the team's frame, if that is known."""
+        """Pose and goal of a teammate by its last beacon, in this robot's frame, if known."""
         heard = self.heard.get(name)
         if heard is None:
             return None

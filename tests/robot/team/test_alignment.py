@@ -1,0 +1,274 @@
+"""Two robots that were not told where they start find out, and hold back while they cannot know."""
+
+import dataclasses
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from protocol.config import LidarConfig
+from protocol.pose import FloatArray, Pose2
+from robot.perception.returns import noise_model
+from robot.perception.scan import perceive
+from robot.slam.engine import Anchor, Keyframe
+from robot.team.alignment import Alignment, align
+from robot.team.entries import Hello, Known, Link
+from robot.team.evidence import Evidence, Kind
+from robot.team.hypothesis import solve_alone
+from robot.team.joint import JointGraph, solve
+from robot.team.journal import LogName
+from robot.team.near_matches import near_matches
+from robot.team.pair_judge import State
+from robot.team.place import chained_poses, make_place, stretches
+from robot.team.place_match import find_place, make_pyramid, match_from, rotations
+from world.lidar import Lidars
+from world.noise import Noise
+from world.scenario import RobotSpec, Scenario
+from world.simulation import Simulation
+
+ONE, TWO = LogName("r1", 0), LogName("r2", 0)
+NOISE = noise_model(LidarConfig())
+EVERY = 12  # keyframes of an anchor
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """What two robots found out by themselves, without their starts, and how these truly lie."""
+
+    logs: dict[LogName, list[Known]]
+    T_one_two: Pose2
+
+
+def wander(simulation: Simulation, seed: int, start: Pose2, keyframes: int) -> list[Pose2]:
+    """Poses 0.3 m apart on a way that turns aside before walls."""
+    rng = np.random.default_rng(seed)
+    poses = [start]
+    while len(poses) < keyframes:
+        turn = float(rng.normal(0.0, 0.08))
+        ahead = poses[-1] @ Pose2(0.3, 0.0, turn)
+        while simulation.terrain.disc_overlaps(ahead.x, ahead.y, 0.3):
+            turn += 0.5
+            ahead = poses[-1] @ Pose2(0.0, 0.0, turn) @ Pose2(0.3, 0.0, 0.0)
+        poses.append(ahead)
+    return poses
+
+
+@pytest.fixture(scope="module")
+def recorded() -> Recorded:
+    """What two robots see on their ways through the office, with little drift."""
+    simulation = Simulation(Scenario(map="office", robots=(RobotSpec(name="r1"),)))
+    start = Pose2.from_array(simulation.starts[0])
+    ways = {
+        ONE: wander(simulation, 1, start, 90),
+        TWO: wander(simulation, 2, start @ Pose2(0.0, 0.0, 2.0), 90),
+    }
+    lidar, rng, tick = LidarConfig(), np.random.default_rng(4), 0
+    lidars, noise = Lidars(lidar, ("r1",), 0.2), Noise(7)
+    logs: dict[LogName, list[Known]] = {}
+    for name, way in ways.items():
+        hello = Hello(None, lidar.beams, lidar.angle_min_rad, lidar.increment_rad, 12.0, 0.2)
+        logs[name] = [hello, Anchor(0, Pose2(0.0, 0.0, 0.0), np.eye(3) * 1e6)]
+        for k, pose in enumerate(way):
+            if k % EVERY == 0 and k:
+                step = way[k - EVERY].inverse() @ pose
+                step = step @ Pose2.from_array(rng.normal(0.0, [0.003, 0.003, 0.0005]))
+                information = np.diag([1e5, 1e5, 4e6])
+                logs[name].append(Anchor(k // EVERY, step, information))
+            (seen,) = lidars.scan(simulation.terrain, pose.to_array()[None], tick, noise)
+            ranges = perceive(seen, lidar).ranges
+            tick += 1
+            T_anchor = way[k - k % EVERY].inverse() @ pose
+            logs[name].append(Keyframe(k, k, k // EVERY, T_anchor, np.eye(3) * 1e-5, ranges))
+    return Recorded(logs, ways[ONE][0].inverse() @ ways[TWO][0])
+
+
+def graph_of(recorded: Recorded) -> JointGraph:
+    graph = JointGraph()
+    for name, entries in recorded.logs.items():
+        for entry in entries:
+            assert graph.add(name, entry)
+    return graph
+
+
+@pytest.fixture(scope="module")
+def found(recorded: Recorded) -> list[Link]:
+    """Every match of a place of one robot in those of the other."""
+    graph = graph_of(recorded)
+    places = {}
+    for name in (ONE, TWO):
+        log = graph.log(name)
+        assert log is not None
+        places[name] = [make_place(log, s, NOISE) for s in stretches(log, whole=True)]
+    links = []
+    for ours in places[ONE]:
+        pyramid = make_pyramid(ours)
+        for theirs in places[TWO]:
+            match = find_place(ours, pyramid, theirs)
+            if match is not None and not match.objection:
+                information = match.information
+                links.append(
+                    Link(ours.anchor, TWO, theirs.anchor, match.T_a_b, information, match.evidence)
+                )
+    return links
+
+
+def aligned_by(recorded: Recorded, links: list[Link]) -> tuple[JointGraph, Alignment]:
+    graph = graph_of(recorded)
+    for link in links:
+        assert graph.add(ONE, link)
+    return graph, align(graph, NOISE)
+
+
+def error(found: Pose2 | None, true: Pose2) -> tuple[float, float]:
+    assert found is not None
+    missed = true.inverse() @ found
+    return math.hypot(missed.x, missed.y), abs(missed.theta)
+
+
+def test_robots_find_out_how_they_stand(recorded: Recorded, found: list[Link]) -> None:
+    graph, alignment = aligned_by(recorded, found)
+    view = alignment.pair(TWO, ONE)
+    assert view is not None and view.state is State.ALIGNED, view
+    metres, radians = error(view.T_a_b, recorded.T_one_two)
+    assert metres < 0.05 and radians < math.radians(1.0)
+    assert [group.logs for group in alignment.groups] == [(ONE, TWO)]
+    solution = solve(graph.problem(alignment.groups[0]))
+    np.testing.assert_array_equal(solution[ONE][0], np.zeros(3))
+
+
+def test_nothing_found_is_nothing_known(recorded: Recorded, found: list[Link]) -> None:
+    _, alignment = aligned_by(recorded, [])
+    view = alignment.pair(ONE, TWO)
+    assert view is not None and view.state is State.UNKNOWN
+    assert [group.logs for group in alignment.groups] == [(ONE,), (TWO,)]
+    _, alignment = aligned_by(recorded, found[:1])
+    view = alignment.pair(ONE, TWO)
+    assert view is not None and view.state is State.TENTATIVE
+    assert all(not group.links for group in alignment.groups)
+
+
+def test_the_order_of_entries_does_not_matter(recorded: Recorded, found: list[Link]) -> None:
+    graph, alignment = aligned_by(recorded, found)
+    turned = JointGraph()
+    for name in (TWO, ONE):
+        for entry in recorded.logs[name]:
+            turned.add(name, entry)
+    for link in found:
+        turned.add(ONE, link)
+    again = align(turned, NOISE)
+    assert again == alignment
+    one, other = solve(graph.problem(alignment.groups[0])), solve(turned.problem(again.groups[0]))
+    for name in (ONE, TWO):
+        np.testing.assert_array_equal(one[name], other[name])
+
+
+@pytest.mark.parametrize("share", [0.5, 0.8])
+def test_false_matches_do_not_move_the_map(
+    recorded: Recorded, found: list[Link], share: float
+) -> None:
+    rng = np.random.default_rng(3)
+    count = round(len(found) * share / (1.0 - share))
+    lies = [false_link(rng, found[int(rng.integers(len(found)))]) for _ in range(count)]
+    _, alignment = aligned_by(recorded, [*found, *lies])
+    view = alignment.pair(ONE, TWO)
+    assert view is not None
+    if view.state is State.ALIGNED:
+        metres, radians = error(view.T_a_b, recorded.T_one_two)
+        assert metres < 0.05 and radians < math.radians(1.0)
+
+
+def false_link(rng: np.random.Generator, like: Link) -> Link:
+    T: FloatArray = np.append(rng.uniform(-15.0, 15.0, 2), rng.uniform(-np.pi, np.pi))
+    evidence = Evidence(Kind.PLACE, 0.6, 0.95, 0.01, 0.8)
+    return Link(like.of, like.log, like.to, Pose2.from_array(T), like.information, evidence)
+
+
+def _shifted(recorded: Recorded, links: list[Link], T_wrong: Pose2) -> list[Link]:
+    """The links as they would be if the other log lay elsewhere, all alike."""
+    one = solve_alone(graph_of(recorded), ONE).anchors
+    out = []
+    for link in links:
+        T = Pose2.from_array(one[link.of])
+        out.append(dataclasses.replace(link, T_of_to=T.inverse() @ T_wrong @ T @ link.T_of_to))
+    return out
+
+
+def test_agreed_lies_are_found_out_by_the_maps(recorded: Recorded, found: list[Link]) -> None:
+    """Matches that agree with each other on a wrong alignment let rays run through walls."""
+    lies = _shifted(recorded, found, Pose2(1.5, 1.0, 0.5))
+    _, alignment = aligned_by(recorded, lies)
+    view = alignment.pair(ONE, TWO)
+    assert view is not None and view.state is State.CONTRADICTORY
+
+
+def test_new_evidence_takes_an_alignment_back(recorded: Recorded, found: list[Link]) -> None:
+    _, before = aligned_by(recorded, found)
+    assert [group.logs for group in before.groups] == [(ONE, TWO)]
+    sighting = Evidence(Kind.SIGHTING)
+    lies = _shifted(recorded, found, Pose2(1.5, 1.0, 0.5))
+    strong = [dataclasses.replace(lie, evidence=sighting) for lie in lies]
+    _, after = aligned_by(recorded, [*found, *strong])
+    view = after.pair(ONE, TWO)
+    assert view is not None and view.state is State.CONTRADICTORY
+    assert [group.logs for group in after.groups] == [(ONE,), (TWO,)]
+    assert not any(group.links for group in after.groups)
+
+
+def test_sightings_alone_align(recorded: Recorded) -> None:
+    information = np.diag([1e3, 1e3, 1e3])
+    # Both first anchors lie at the starts.
+    link = Link(0, TWO, 0, recorded.T_one_two, information, Evidence(Kind.SIGHTING))
+    _, alignment = aligned_by(recorded, [link])
+    view = alignment.pair(ONE, TWO)
+    assert view is not None and view.state is State.TENTATIVE
+    _, alignment = aligned_by(recorded, [link, link])
+    view = alignment.pair(ONE, TWO)
+    assert view is not None and view.state is State.ALIGNED
+
+
+def test_near_matches_make_it_precise(recorded: Recorded, found: list[Link]) -> None:
+    graph, alignment = aligned_by(recorded, found)
+    solution = solve(graph.problem(alignment.groups[0]))
+    places = {}
+    for name in (ONE, TWO):
+        log = graph.log(name)
+        assert log is not None
+        places[name] = [make_place(log, s, NOISE) for s in stretches(log, whole=True)]
+    near = near_matches(solution, places, ONE, TWO)
+    assert near and all(link.evidence.kind is Kind.NEAR for link in near)
+    graph, alignment = aligned_by(recorded, [*found, *near])
+    assert {(ONE, len(found))} <= alignment.groups[0].links
+
+
+def test_a_place_is_found_in_itself_without_bias(recorded: Recorded) -> None:
+    """Half a cell forgotten somewhere would shift every match the same way."""
+    log = graph_of(recorded).log(ONE)
+    assert log is not None
+    place = make_place(log, stretches(log, whole=True)[0], NOISE)
+    for guess in (Pose2(0.06, -0.05, 0.01), Pose2(-0.06, 0.05, -0.01)):
+        match = match_from(place, place, guess)
+        assert np.abs(match.T_a_b.to_array()).max() < 2e-3
+    found = find_place(place, make_pyramid(place), place)
+    assert found is not None and np.abs(found.T_a_b.to_array()).max() < 5e-3
+    assert not found.objection and found.evidence.crossing < 0.02
+
+
+def test_places_do_not_change_when_the_log_grows(recorded: Recorded) -> None:
+    entries = recorded.logs[ONE]
+    whole = graph_of(recorded).log(ONE)
+    assert whole is not None
+    half = dataclasses.replace(whole, keyframes=whole.keyframes[: len(whole.keyframes) // 2])
+    assert entries and stretches(half) == stretches(whole)[: len(stretches(half))]
+    poses = chained_poses(whole, 0, len(whole.keyframes))
+    assert len(poses) == len(whole.keyframes)
+
+
+def test_rotations_hold_the_right_one_and_its_opposite() -> None:
+    rng = np.random.default_rng(1)
+    b = np.convolve(rng.uniform(0.0, 1.0, 180) ** 8, np.ones(5), "same")
+    for turn in (0, 17, 90, 179):
+        a = np.roll(b, turn)
+        groups = rotations(a / np.linalg.norm(a), b / np.linalg.norm(b))
+        tried = np.unique(np.concatenate(groups) % 360)
+        assert {turn % 360, (turn + 180) % 360} <= set(tried.tolist())
