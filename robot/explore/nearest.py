@@ -4,7 +4,15 @@ import math
 
 from protocol.pose import Pose2
 from robot.explore.frontier import Frontier, find_frontiers
-from robot.explore.planner import NO_PATH, Terrain, TravelField, path_to, survey, travel_field
+from robot.explore.planner import (
+    NO_PATH,
+    Terrain,
+    TravelField,
+    is_cut_off,
+    path_to,
+    survey,
+    travel_field,
+)
 from robot.explore.policy import Plan, Teammate, View
 
 CLAIM_RADIUS_M = 2.0
@@ -21,16 +29,24 @@ class NearestFrontier:
     def plan(self, view: View) -> Plan:
         """See `robot.explore.policy.Policy`."""
         terrain = survey(view.grid, view.body)
-        near = tuple(mate.pose for mate in view.teammates if mate.age_ticks <= FRESH_TICKS)
-        field = travel_field(terrain, view.pose, near)
+        field = travel(view, terrain)
         if field is None:
             return Plan(None, NO_PATH, "waiting for a first map", False, 0.0)
         return nearest_frontier(view, terrain, field)
 
 
+def travel(view: View, terrain: Terrain, squeeze: bool = False) -> TravelField | None:
+    """Travel from the robot's pose, rather round teammates; None if that is off the map."""
+    near = tuple(mate.pose for mate in view.teammates if mate.age_ticks <= FRESH_TICKS)
+    return travel_field(terrain, view.pose, near, squeeze=squeeze)
+
+
 def nearest_frontier(view: View, terrain: Terrain, field: TravelField) -> Plan:
     """The plan of `NearestFrontier`, for a terrain and travel from the robot's pose over it."""
     found = find_frontiers(terrain, field, view.refused, view.lookouts)
+    if not found and is_cut_off(terrain, field, view.lookouts):
+        field = travel(view, terrain, squeeze=True) or field
+        found = find_frontiers(terrain, field, view.refused, view.lookouts)
     frontiers = [f for f in found if not _looks_at(view.teammates, terrain, f)]
     left = sum(frontier.length_m for frontier in frontiers)
     if not frontiers:

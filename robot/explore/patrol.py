@@ -13,15 +13,15 @@ import numpy as np
 
 from protocol.pose import FloatArray, Pose2
 from robot.explore.footprints import SQUARE_M, square_of
-from robot.explore.nearest import FRESH_TICKS, nearest_frontier
+from robot.explore.nearest import nearest_frontier, travel
 from robot.explore.planner import (
     NO_PATH,
     WANTED_CLEARANCE_M,
     Terrain,
     TravelField,
+    is_cut_off,
     path_to,
     survey,
-    travel_field,
 )
 from robot.explore.policy import Plan, View
 
@@ -46,13 +46,14 @@ class Patrol:
     def plan(self, view: View) -> Plan:
         """See `robot.explore.policy.Policy`. Never exhausted."""
         terrain = survey(view.grid, view.body)
-        near = tuple(mate.pose for mate in view.teammates if mate.age_ticks <= FRESH_TICKS)
-        field = travel_field(terrain, view.pose, near)
+        field = travel(view, terrain)
         if field is None:
             return Plan(None, NO_PATH, "waiting for a first map", False, 0.0)
         frontier = nearest_frontier(view, terrain, field)
         if frontier.goal is not None:
             return frontier
+        if is_cut_off(terrain, field, view.lookouts):
+            field = travel(view, terrain, squeeze=True) or field
         places = _places(terrain, field)
         if not places:
             return Plan(None, NO_PATH, "there is no room to patrol in", False, frontier.frontier_m)

@@ -24,6 +24,8 @@ from robot.explore.planner_kernels import (
 
 BLOCK_M = 0.10
 MARGIN_M = 0.03  # beyond the body's radius, between centres of cells: half a cell is lost there
+SQUEEZE_M = 0.05  # a map's walls may be off by a cell
+CUT_OFF_M = 1.0
 WANTED_CLEARANCE_M = 0.60
 WALL_COST = 4.0
 PATH_STEP_M = 0.10
@@ -111,12 +113,17 @@ def survey(grid: OccupancyGrid, body: BodyConfig) -> Terrain:
 
 
 def travel_field(
-    terrain: Terrain, start: Pose2, avoided: tuple[Pose2, ...] = (), detour_m: float = 5.0
+    terrain: Terrain,
+    start: Pose2,
+    avoided: tuple[Pose2, ...] = (),
+    detour_m: float = 5.0,
+    squeeze: bool = False,
 ) -> TravelField | None:
     """The cost of travel from a pose to everywhere; None if the pose is off the map.
 
     Blocks within two body radii of an `avoided` pose (a teammate that stands there) cost as
-    much as `detour_m` more.
+    much as `detour_m` more. With `squeeze`, passages that look too narrow by up to `SQUEEZE_M`
+    are open, at a high price: the follower finds out whether they are.
     """
     block = terrain.block_at(start.x, start.y)
     if block is None:
@@ -128,11 +135,27 @@ def travel_field(
         extra[near] = detour_m / reach
         gaps = np.hypot(*(terrain.points_of(*near) - [pose.x, pose.y]).T) - terrain.needed
         room[near] = np.minimum(room[near], np.maximum(gaps, 0.0))
+    tight = terrain.needed - SQUEEZE_M if squeeze else terrain.needed
     cost, parent = travel_costs(
-        terrain.state, terrain.clearance, extra, terrain.needed, WANTED_CLEARANCE_M, WALL_COST,
-        terrain.resolution, block[0] * terrain.state.shape[1] + block[1],
+        terrain.state, terrain.clearance, extra, tight, terrain.needed, WANTED_CLEARANCE_M,
+        WALL_COST, terrain.resolution, block[0] * terrain.state.shape[1] + block[1],
     )  # fmt: skip
     return TravelField(cost, parent, room)
+
+
+def is_cut_off(terrain: Terrain, field: TravelField, lookouts: FloatArray) -> bool:
+    """Whether a body has been (at `lookouts`, n×2, m) where none gets to from the field's start.
+
+    A robot may find that the gap it came in by looks too narrow on the map of now.
+    """
+    size = round(CUT_OFF_M / terrain.resolution)
+    height, width = terrain.state.shape
+    reached = np.zeros((height // size + 1, width // size + 1), dtype=np.bool_)
+    rows, columns = np.nonzero(np.isfinite(field.cost))
+    reached[rows // size, columns // size] = True
+    units = np.floor(terrain.to_units(lookouts)).astype(np.int64)
+    units = units[((units >= 0) & (units < (height, width))).all(axis=1)] // size
+    return not bool(reached[units[:, 0], units[:, 1]].all())
 
 
 def path_to(terrain: Terrain, field: TravelField, row: int, column: int) -> FloatArray:

@@ -139,12 +139,13 @@ def _row_squares(gaps, site, start, squares):
 
 
 @kernel
-def travel_costs(state, clearance, extra, needed, wanted, wall_cost, step_m, start_index):
+def travel_costs(state, clearance, extra, tight, needed, wanted, wall_cost, step_m, start_index):
     """Dijkstra from a block: cost (m, longer near walls) to and parent of every block.
 
     A metre costs 1 + `wall_cost`·(1 − clearance / `wanted`)² + `extra` (like `state`, ≥ 0). Blocks
-    with clearance below `needed` are closed, except that a robot which stands in one may leave
-    through free blocks, at ten times the price. Unreached blocks have infinite cost and parent −1.
+    with clearance below `needed` are closed, except free ones, at ten times the price: to a robot
+    that stands in one, until it has left, and to any if clearance is at least `tight`. Unreached
+    blocks have infinite cost and parent −1.
 
     The queue is a ring of buckets as wide as the cheapest step, so that what is in the present
     bucket is final: Dial, "Shortest-path forest with topological ordering", 1969.
@@ -175,7 +176,8 @@ def travel_costs(state, clearance, extra, needed, wanted, wall_cost, step_m, sta
                 if (dr == 0 and dc == 0) or i < 0 or j < 0 or i >= height or j >= width:
                     continue
                 closed = clearance[i, j] < needed
-                if closed and (not escaping or state[i, j] != FREE):
+                squeezed = escaping or clearance[i, j] >= tight
+                if closed and (not squeezed or state[i, j] != FREE):
                     continue
                 lack = max(0.0, 1.0 - clearance[i, j] / wanted)
                 price = ESCAPE_PRICE if closed else 1.0 + wall_cost * lack * lack + extra[i, j]

@@ -38,8 +38,8 @@ def test_clearance_is_the_exact_distance(rows: int, columns: int, seed: int, sha
 
 
 @settings(max_examples=25, deadline=None)
-@given(st.integers(0, 10**6))
-def test_travel_costs_are_those_of_a_plain_dijkstra(seed: int) -> None:
+@given(st.integers(0, 10**6), st.sampled_from([0.18, 0.23]))
+def test_travel_costs_are_those_of_a_plain_dijkstra(seed: int, tight: float) -> None:
     rng = np.random.default_rng(seed)
     shape = (17, 23)
     state = np.where(rng.random(shape) < 0.2, 1, 0).astype(np.int8)
@@ -47,9 +47,9 @@ def test_travel_costs_are_those_of_a_plain_dijkstra(seed: int) -> None:
     extra = np.where(rng.random(shape) < 0.1, 7.0, 0.0)
     start = (8, 11)
     cost, parent = travel_costs(
-        state, clearance, extra, 0.23, 0.6, 4.0, 0.1, start[0] * shape[1] + start[1]
+        state, clearance, extra, tight, 0.23, 0.6, 4.0, 0.1, start[0] * shape[1] + start[1]
     )
-    expected = _dijkstra(state, clearance, extra, start)
+    expected = _dijkstra(state, clearance, extra, tight, start)
     np.testing.assert_allclose(cost, expected, rtol=1e-12)
     reached = np.isfinite(cost).ravel()
     assert np.all(cost.ravel()[parent[reached & (parent >= 0)]] < np.inf)
@@ -57,7 +57,11 @@ def test_travel_costs_are_those_of_a_plain_dijkstra(seed: int) -> None:
 
 
 def _dijkstra(
-    state: npt.NDArray[np.int8], clearance: FloatArray, extra: FloatArray, start: tuple[int, int]
+    state: npt.NDArray[np.int8],
+    clearance: FloatArray,
+    extra: FloatArray,
+    tight: float,
+    start: tuple[int, int],
 ) -> FloatArray:
     cost = np.full(state.shape, np.inf)
     cost[start] = 0.0
@@ -71,7 +75,8 @@ def _dijkstra(
             if not (0 <= i < state.shape[0] and 0 <= j < state.shape[1]):
                 continue
             closed = clearance[i, j] < 0.23
-            if closed and (clearance[row, column] >= 0.23 or state[i, j] != 0):
+            squeezed = clearance[row, column] < 0.23 or clearance[i, j] >= tight
+            if closed and (not squeezed or state[i, j] != 0):
                 continue
             lack = max(0.0, 1.0 - clearance[i, j] / 0.6)
             price = 10.0 if closed else 1.0 + 4.0 * lack**2 + extra[i, j]

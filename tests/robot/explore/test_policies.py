@@ -171,6 +171,23 @@ def test_a_frontier_that_cannot_be_reached_is_none(
     assert plan.exhausted
 
 
+@pytest.mark.parametrize("policy", ["frontier", "patrol"])
+def test_a_robot_leaves_by_the_gap_it_came_in_by(
+    policy: str, two_rooms: Callable[[float], OccupancyGrid]
+) -> None:
+    """On the map of now the door is a little too narrow; beyond it is more to see."""
+    grid = two_rooms(0.4)
+    grid.cells[:, 120:] = -1
+    inside, outside = np.array([[1.0, 1.0]]), np.array([[1.0, 1.0], [5.0, 2.0]])
+    trapped = replace(_view(grid, Pose2(1.0, 1.0, 0.0)), lookouts=outside)
+    goal = make_policy(policy).plan(trapped).goal
+    assert goal is not None
+    assert goal.x > 5.0
+    # Where nobody has been it does not try: such gaps are many.
+    plan = make_policy(policy).plan(replace(trapped, lookouts=inside))
+    assert plan.goal is None or plan.goal.x < 3.4
+
+
 def test_without_a_map_it_waits() -> None:
     empty = OccupancyGrid(np.zeros((0, 0), dtype=np.int8), 0.05, 0.0, 0.0)
     plan = make_policy("frontier").plan(_view(empty, Pose2(0.0, 0.0, 0.0)))
