@@ -5,7 +5,7 @@ every log is looked for in every place of the others, the alignment follows from
 logs that it puts into one frame are tied more closely where they are near.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from protocol.config import LidarConfig
@@ -34,7 +34,7 @@ class Merge:
     compared: int
 
 
-def make_graph(logs: dict[LogName, Sequence[Known]]) -> JointGraph:
+def make_graph(logs: Mapping[LogName, Sequence[Known]]) -> JointGraph:
     graph = JointGraph()
     for name, entries in logs.items():
         for entry in entries:
@@ -43,7 +43,7 @@ def make_graph(logs: dict[LogName, Sequence[Known]]) -> JointGraph:
 
 
 def merge(
-    logs: dict[LogName, Sequence[Known]], lidar: LidarConfig, progress: Progress | None = None
+    logs: Mapping[LogName, Sequence[Known]], lidar: LidarConfig, progress: Progress | None = None
 ) -> Merge:
     """Merge logs; `lidar` says what noise their ranges have. `progress` is told (done, of)."""
     graph, noise = make_graph(logs), noise_model(lidar)
