@@ -2,7 +2,7 @@
 
     python -m studies.many_robots --robots 32 --factor 0.25 --seconds 60 --json many.json
 
-The building is an office of 100 × 60 m unless --map names another. Shown are the wall time until
+Shown are the wall time until
 all robots had come, the memory of the robots' processes (RSS at its peak; PSS, which counts a page
 that n processes share as one nth for each, at its greatest), messages between world and robots that
 were sent and not received, ticks that went by before they were answered, and the pace kept.
@@ -16,10 +16,6 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from maps.building import BuildingConfig
-from maps.generator import make_building
-from maps.grid import OccupancyGrid
-from maps.library import load_map
 from protocol.errors import EarshotError
 from station.hosts import Unwatched
 from station.launch import launch
@@ -29,7 +25,7 @@ from station.warm_up import ensure_warm
 from world.scenario import PaceConfig, RobotSpec, Scenario
 from world.simulation import Simulation
 
-OFFICE = BuildingConfig(layout="office", seed=1, width_m=100.0, height_m=60.0)
+OFFICE = "office:width_m=100,height_m=60"
 ROSTER_S = 120.0
 TELL_EVERY_S = 10.0
 
@@ -54,10 +50,10 @@ class StartTimed(Unwatched):
             print(f"  {simulation.stamp:.0f} s simulated in {wall_s:.0f} s", flush=True)
 
 
-def measure(scenario: Scenario, grid: OccupancyGrid) -> dict[str, Any]:
+def measure(scenario: Scenario) -> dict[str, Any]:
     """Play a scenario in processes, and say how it went."""
     observer = StartTimed()
-    outcome = launch(scenario, "processes", observer, grid=grid)
+    outcome = launch(scenario, "processes", observer)
     robots = outcome.robots
     return {
         "robots": len(robots),
@@ -136,20 +132,19 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--factor", type=float, default=0.25, help="simulated per wall second")
     parser.add_argument("--seconds", type=float, default=60.0, metavar="S", help="simulated")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--map", help="a shipped map's name or a map_server .yaml")
+    parser.add_argument("--map", default=OFFICE, help="as in a scenario")
     parser.add_argument("--json", type=Path, metavar="FILE")
     arguments = parser.parse_args(argv)
     try:
         ensure_warm()
         scenario = Scenario(
-            map=arguments.map or "office",
+            map=arguments.map,
             seed=arguments.seed,
             robots=tuple(RobotSpec(name=f"r{n + 1}") for n in range(arguments.robots)),
             max_sim_s=arguments.seconds,
             pace=PaceConfig(mode="realtime", factor=arguments.factor, roster_s=ROSTER_S),
         )
-        grid = load_map(arguments.map) if arguments.map else make_building(OFFICE)
-        result = measure(scenario, grid)
+        result = measure(scenario)
     except EarshotError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2

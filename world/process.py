@@ -6,6 +6,7 @@ Losing a robot ends nothing: it is marked dead and the others go on. What arrive
 `world.reception`; how long a tick waits for it is `world.pace`'s.
 """
 
+import logging
 import time
 from collections.abc import Callable, Mapping
 
@@ -20,6 +21,8 @@ from world.reception import Reception, Watcher
 from world.report_log import ReportLog
 from world.roster import Roster
 from world.simulation import Simulation
+
+log = logging.getLogger(__name__)
 
 INTERRUPTED = "interrupted"
 
@@ -73,13 +76,17 @@ class WorldProcess:
             self._dismiss()
 
     def _await_roster(self) -> None:
-        seconds = self.simulation.scenario.pace.roster_s
-        deadline = time.monotonic() + seconds
+        pace = self.simulation.scenario.pace
+        deadline = time.monotonic() + pace.roster_s
         while self.roster.missing:
             if self._interrupt.requested:
                 raise KeyboardInterrupt  # nothing has happened that could be reported
             if time.monotonic() > deadline:
-                self.roster.check_complete(seconds)
+                if pace.mode == "realtime" and self.roster.alive:
+                    missing = ", ".join(self.roster.missing)
+                    log.warning("%s did not come; the others begin, who is late joins", missing)
+                    break
+                self.roster.check_complete(pace.roster_s)
             self._reception.read_next()
         self.roster.closed = True
 

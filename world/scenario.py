@@ -55,7 +55,11 @@ class PaceConfig(Model):
     dead_man_s: float = Field(
         0.5, gt=0.0, description="age at which a drive command stops counting"
     )
-    roster_s: float = Field(60.0, gt=0.0, description="wall time to wait for all robots at tick 0")
+    roster_s: float = Field(
+        60.0,
+        gt=0.0,
+        description="wall time that tick 0 waits for all robots; then real time begins",
+    )
 
 
 class Scenario(Model):

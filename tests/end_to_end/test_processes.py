@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from protocol.errors import EarshotError
@@ -180,6 +181,35 @@ def test_a_frozen_robot_is_stalled_and_carries_on_when_it_wakes() -> None:
     assert trajectory is not None
     assert trajectory.ticks[-1] == 300
     assert len(trajectory.ticks) < 300
+
+
+def test_in_real_time_a_frozen_robot_stops_and_goes_on_with_what_is_new() -> None:
+    """SIGSTOP at tick 40, SIGCONT at tick 80: its wheels stop at the dead-man time, it misses
+    ticks, and no message is lost to it."""
+
+    class FreezeAndWake(AtTick):
+        def ticked(self, simulation: Simulation, reports: Mapping[str, Report]) -> None:
+            super().ticked(simulation, reports)
+            if simulation.tick == self.tick + 40:
+                os.kill(robots_of(os.getpid())[self.robot], signal.SIGCONT)
+
+    pace = PaceConfig(mode="realtime", factor=2.0)
+    scenario = LONG.model_copy(update={"max_sim_s": 20.0, "pace": pace})
+    outcome = launch(scenario, "processes", FreezeAndWake(40, "r2", signal.SIGSTOP))
+    frozen = outcome.robots["r2"]
+    assert outcome.exit_reason == TIME_LIMIT
+    assert outcome.simulation.alive == ("r1", "r2", "r3")
+    assert frozen.missed_ticks >= 38
+    assert frozen.wire is not None
+    assert all(count.sent == count.received for count in frozen.wire.values())
+    assert frozen.trajectory is not None
+    assert frozen.trajectory.ticks[-1] > 80
+    steps = np.diff(frozen.trajectory.ticks)
+    assert steps.max() >= 38
+    dead_man = round(pace.dead_man_s / scenario.tick_s)
+    velocities = outcome.simulation.history.velocities[:, 1]
+    braked = slice(40 + dead_man + 8, 80)  # and the wheels need a moment to stand still
+    assert np.abs(velocities[braked]).max() < 1e-6
 
 
 def test_an_exception_in_the_world_leaves_nothing_running() -> None:

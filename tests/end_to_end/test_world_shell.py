@@ -2,7 +2,7 @@
 
 import threading
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 
 import numpy as np
 import pytest
@@ -250,6 +250,36 @@ def robot_threads(bus: Bus, *names: str) -> Iterator[dict[str, Farewell]]:
         stop.request()
         for thread in threads:
             thread.join(JOIN_S)
+
+
+def test_in_real_time_who_comes_late_joins() -> None:
+    """r2 starts when r1 has been driving for two seconds; then it is sensed for like the others."""
+    simulation = Simulation(scenario(seconds=6.0, mode="realtime", factor=5.0, roster_s=0.2))
+    with open_bus(BusConfig.memory()) as bus, ExitStack() as later:
+
+        class StartLate(Unwatched):
+            def ticked(self, simulation: Simulation, reports: Mapping[str, Report]) -> None:
+                del reports
+                if simulation.tick == 20:
+                    later.enter_context(robot_threads(bus, "r2"))
+
+        world = WorldProcess(simulation, bus, StartLate(), Interrupt())
+        with robot_threads(bus, "r1"):
+            world.run()
+        assert simulation.exit_reason == TIME_LIMIT
+        assert simulation.alive == ("r1", "r2")
+        first, second = (world.replies[name].trajectory for name in ("r1", "r2"))
+        assert first is not None
+        assert second is not None
+        assert first.ticks[0] == 0
+        assert second.ticks[0] >= 20
+        assert second.ticks[-1] == first.ticks[-1] == 60
+        before = simulation.history.poses[:21, 1, :2]
+        assert np.ptp(before, axis=0).max() < 1e-9
+        assert simulation.history.driven_m(1) > 0.1
+        wire = world.replies["r2"].wire
+        assert wire is not None
+        assert all(count.sent == count.received for count in wire.values())
 
 
 def test_who_does_not_come_is_named() -> None:
