@@ -65,12 +65,12 @@ class RevisitConfig(Model):
     """When a place has been seen well enough to be mapped no more."""
 
     near_m: float = Field(2.0, gt=0.0, description="ways of submaps that come so near count")
-    enough_submaps: int = Field(12, ge=1, description="so many make a place well known")
+    enough_submaps: int = Field(9, ge=1, description="so many make a place well known")
     min_keyframes: int = Field(10, ge=1, description="a submap holds more than these when left")
-    settle_overlap: float = Field(
-        0.93, ge=0.0, le=1.0, description="share of a scan that a submap knows to go on in it"
+    settle_score: float = Field(
+        0.75, ge=0.0, le=1.0, description="match of a scan in a submap to go on in it"
     )
-    leave_overlap: float = Field(0.8, ge=0.0, le=1.0, description="and below which it is left")
+    leave_score: float = Field(0.65, ge=0.0, le=1.0, description="and below which it is left")
     max_tries: int = Field(4, ge=1, description="submaps tried at once")
     place_m: float = Field(0.5, gt=0.0, description="size of a place that keyframes are counted in")
     place_rad: float = Field(math.radians(90.0), gt=0.0)

@@ -81,7 +81,7 @@ class GraphSlam:
             progress = self._front_end.correct(scan)
             self._extend(progress)
             if progress.moved and self._front_end.current.finished:
-                self._stay_on_known_ground(progress.returns)
+                self._stay_on_known_ground(progress)
             elif progress.moved:
                 self._look_for_loops(tick, progress.returns)
                 self._settle_where_known(progress.returns)
@@ -160,14 +160,12 @@ class GraphSlam:
         if len(near) >= config.enough_submaps:
             self._settle(returns)
 
-    def _stay_on_known_ground(self, returns: Returns) -> None:
+    def _stay_on_known_ground(self, progress: Progress) -> None:
         """Go on in another submap when this one shows too little, or map again if none does."""
-        front_end = self._front_end
-        view = front_end.current.field.overlay(front_end.pose, returns, rays=False)
-        seen = view.overlap >= self._config.revisits.leave_overlap
-        if (seen and view.hits >= self._config.closures.min_hits) or self._settle(returns):
+        seen = progress.match.score >= self._config.revisits.leave_score
+        if seen or self._settle(progress.returns):
             return
-        anchor = front_end.depart(returns)
+        anchor = self._front_end.depart(progress.returns)
         self._graph.add_anchor(anchor.of, anchor.T_of_anchor, anchor.information)
         # In the journal an anchor follows the one before it; what holds this one is a closure.
         T_previous_anchor = self._graph.pose(anchor.index - 1).inverse() @ self._graph.pose(
@@ -179,7 +177,7 @@ class GraphSlam:
         )
 
     def _settle(self, returns: Returns) -> bool:
-        """Go on in the finished submap nearby that shows most of the scan, if one shows enough."""
+        """Go on in the finished submap nearby that explains the scan best, if one does well."""
         front_end, config = self._front_end, self._config
         anchor, pose = front_end.current.index, front_end.pose
         query = Query(anchor, pose, front_end.match_covariance, returns)
@@ -191,10 +189,10 @@ class GraphSlam:
             config.revisits.max_tries,
         )
         verdicts = examine(query, candidates, config.closures)
-        known = [v for v in verdicts if v.accepted and v.overlap >= config.revisits.settle_overlap]
+        known = [v for v in verdicts if v.accepted and v.score >= config.revisits.settle_score]
         if not known:
             return False
-        best = max(known, key=lambda verdict: verdict.overlap)
+        best = max(known, key=lambda verdict: verdict.score)
         submap = next(c.submap for c in candidates if c.submap.index == best.of)
         if self._candidates.may_tie_again(best.of, anchor):
             self._add_closures((Closure(best.of, anchor, best.T_of_to, best.information),))
