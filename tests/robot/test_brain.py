@@ -3,6 +3,7 @@
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
+import pytest
 
 from protocol.messages import Action, HeardFrame, Sense
 from robot.brain import Brain
@@ -11,6 +12,9 @@ from world.scenario import RobotSpec, Scenario
 from world.simulation import Simulation
 
 SCENARIO = Scenario(map="rooms-small", seed=3, robots=(RobotSpec(name="r1"), RobotSpec(name="r2")))
+
+UNKNOWN = SCENARIO.model_copy(update={"starts": "unknown"})
+either_start = pytest.mark.parametrize("scenario", [SCENARIO, UNKNOWN], ids=["known", "unknown"])
 
 
 def make_brains(simulation: Simulation, threaded: ThreadPoolExecutor | None) -> dict[str, Brain]:
@@ -30,11 +34,12 @@ def run(
     return senses, said
 
 
-def test_jobs_in_a_thread_change_nothing() -> None:
+@either_start
+def test_jobs_in_a_thread_change_nothing(scenario: Scenario) -> None:
     outcomes = []
     with ThreadPoolExecutor(1) as executor:
         for jobs in (None, executor):
-            simulation = Simulation(SCENARIO)
+            simulation = Simulation(scenario)
             brains = make_brains(simulation, jobs)
             _, said = run(simulation, brains, simulation.step({}), 80)
             maps = [brain.map_reply(exact=True).joint.cells.tobytes() for brain in brains.values()]
@@ -43,8 +48,9 @@ def test_jobs_in_a_thread_change_nothing() -> None:
     assert outcomes[0] == outcomes[1]
 
 
-def test_a_checkpoint_carries_on_as_if_nothing_had_happened() -> None:
-    simulation = Simulation(SCENARIO)
+@either_start
+def test_a_checkpoint_carries_on_as_if_nothing_had_happened(scenario: Scenario) -> None:
+    simulation = Simulation(scenario)
     brains = make_brains(simulation, None)
     senses, _ = run(simulation, brains, simulation.step({}), 60)
     world = simulation.state()
@@ -52,7 +58,7 @@ def test_a_checkpoint_carries_on_as_if_nothing_had_happened() -> None:
     _, straight = run(simulation, brains, senses, 40)
     path = simulation.poses.copy()
 
-    later = Simulation(SCENARIO)
+    later = Simulation(scenario)
     later.restore(world)
     others = make_brains(later, None)
     for name, brain in others.items():
@@ -62,8 +68,9 @@ def test_a_checkpoint_carries_on_as_if_nothing_had_happened() -> None:
     assert np.array_equal(later.poses, path)
 
 
-def test_robots_in_range_end_with_the_same_joint_map() -> None:
-    simulation = Simulation(SCENARIO)
+@either_start
+def test_robots_in_range_end_with_the_same_joint_map(scenario: Scenario) -> None:
+    simulation = Simulation(scenario)
     brains = make_brains(simulation, None)
     senses, _ = run(simulation, brains, simulation.step({}), 100)
     # Standing still, they only talk: what was under way arrives.
@@ -77,7 +84,9 @@ def test_robots_in_range_end_with_the_same_joint_map() -> None:
     if one.journal_digest == two.journal_digest:
         left, right = (brain.map_reply(exact=True).joint for brain in brains.values())
         assert np.array_equal(left.cells, right.cells)
-    assert brains["r1"].report().team[1].entries > 0
+    mate = brains["r1"].report().team[1]
+    assert mate.entries > 0
+    assert mate.alignment == "aligned", mate.alignment_reason
 
 
 def test_records_are_handed_out_once_and_before_they_are_sent() -> None:
