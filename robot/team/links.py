@@ -20,8 +20,9 @@ from robot.slam.engine import Keyframe
 from robot.slam.loop_closure import Candidate, Query, Verdict, examine
 from robot.slam.submap import Submap
 from robot.team.entries import Link
-from robot.team.joint import JointGraph, LogGraph, Solution, anchor_pose
+from robot.team.joint import JointGraph, Solution, anchor_pose
 from robot.team.journal import LogName
+from robot.team.log_graph import LogGraph
 
 JOB = "links"
 EVERY_TICKS = 2
@@ -30,8 +31,6 @@ NEAR_M = 4.0  # between a teammate's keyframe and the way that a submap was driv
 TRIES = 2  # keyframes of one anchor that are tried in one submap
 # A match farther than this from where both maps put it is of another place.
 MAX_SHIFT_M, MAX_TURN_RAD = 0.5, 0.1
-
-Pair = tuple[LogName, int, int]
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +52,8 @@ class LinkFinder:
         self._own = own
         self._noise = noise_model(lidar)
         self._config = config
-        self._examined: set[Pair] = set()
+        self._reached: dict[tuple[LogName, int], int] = {}
+        """Up to which anchor of a log it was looked for in the submap of that index."""
 
     def step(
         self,
@@ -81,16 +81,17 @@ class LinkFinder:
             if name == self._own or log is None or log.hello is None:
                 continue
             for submap in submaps:
+                if not self._is_waiting(name, log, submap):
+                    continue
                 placed = anchor_pose(ours, solution[self._own], submap.index)
                 if placed is None:
                     continue
-                for anchor, keyframes in self._waiting(name, log, submap):
-                    self._examined.add((name, anchor, submap.index))
+                for anchor in self._waiting(name, log, submap):
                     there = anchor_pose(log, solution[name], anchor)
                     if there is None:
                         continue
                     T_submap_anchor = placed.inverse() @ there
-                    near = _near(submap, T_submap_anchor, keyframes)
+                    near = _near(submap, T_submap_anchor, _keyframes_of(log, anchor))
                     if near:
                         return tuple(
                             Trial(
@@ -105,13 +106,20 @@ class LinkFinder:
                         )
         return ()
 
-    def _waiting(
-        self, name: LogName, log: LogGraph, submap: Submap
-    ) -> Iterator[tuple[int, list[Keyframe]]]:
-        """Anchors that have all their keyframes (a later one exists) and were not examined."""
-        for anchor in range(len(log.anchors) - 2):
-            if (name, anchor, submap.index) not in self._examined:
-                yield anchor, [k for k in log.keyframes if k.anchor == anchor]
+    def _is_waiting(self, name: LogName, log: LogGraph, submap: Submap) -> bool:
+        return self._reached.get((name, submap.index), 0) < len(log.anchors) - 2
+
+    def _waiting(self, name: LogName, log: LogGraph, submap: Submap) -> Iterator[int]:
+        """Anchors that have all their keyframes (a later one exists) and were not examined; those
+        that were asked for are."""
+        pair = (name, submap.index)
+        for anchor in range(self._reached.get(pair, 0), len(log.anchors) - 2):
+            self._reached[pair] = anchor + 1
+            yield anchor
+
+
+def _keyframes_of(log: LogGraph, anchor: int) -> list[Keyframe]:
+    return [log.keyframes[n] for n in np.flatnonzero(log.views.values[:, 0] == anchor)]
 
 
 def _near(submap: Submap, T_submap_anchor: Pose2, keyframes: list[Keyframe]) -> list[Keyframe]:
