@@ -6,7 +6,11 @@ from protocol.pose import FloatArray, Pose2, compose, invert
 from robot.slam.config import ClosureConfig
 from robot.slam.engine import Closure
 from robot.slam.loop_closure import Candidate
+from robot.slam.packed_submap import PackedSubmap
 from robot.slam.submap import Submap
+
+# So many submaps stay as they are searched: what one attempt looks at, the next one mostly does.
+UNPACKED = 12
 
 
 class CandidateFinder:
@@ -14,7 +18,8 @@ class CandidateFinder:
 
     def __init__(self, config: ClosureConfig) -> None:
         self._config = config
-        self._submaps: list[Submap] = []
+        self._submaps: list[PackedSubmap] = []
+        self._unpacked: dict[int, Submap] = {}  # by place, the last one used at the end
         self._indices = np.zeros(0, dtype=np.int64)
         self._circles = np.zeros((0, 3))  # centre and radius of their ways, in their frames
         self._untied_m = 0.0
@@ -23,15 +28,17 @@ class CandidateFinder:
         self._per_pair: dict[tuple[int, int], int] = {}
 
     @property
-    def submaps(self) -> tuple[Submap, ...]:
+    def submaps(self) -> tuple[PackedSubmap, ...]:
         """All finished submaps, oldest first."""
         return tuple(self._submaps)
 
     def add(self, submap: Submap) -> None:
         """A submap that is finished from now on."""
-        self._submaps.append(submap)
-        centre = 0.5 * (submap.way.min(axis=0) + submap.way.max(axis=0))
-        radius = np.hypot(*(submap.way - centre).T).max()
+        packed = PackedSubmap.of(submap)
+        self._keep_unpacked(len(self._submaps), submap)
+        self._submaps.append(packed)
+        centre = 0.5 * (packed.way.min(axis=0) + packed.way.max(axis=0))
+        radius = np.hypot(*(packed.way - centre).T).max()
         self._indices = np.append(self._indices, submap.index)
         self._circles = np.vstack([self._circles, [*centre, radius]])
 
@@ -65,7 +72,7 @@ class CandidateFinder:
         ]
         candidates, searches = [], 0
         for place in near[: self._config.max_candidates]:
-            submap = self._submaps[place]
+            submap = self._unpack(place)
             guess = Pose2.from_array(nodes[submap.index]).inverse() @ here
             old = anchor - submap.index > self._config.near_in_time
             if not old or self._untied_m <= self._config.tied_m:
@@ -79,10 +86,11 @@ class CandidateFinder:
         self, anchor: int, here: Pose2, nodes: FloatArray, reach_m: float, most: int
     ) -> tuple[Candidate, ...]:
         """The nearest submaps but that of `anchor`, to be matched without a search."""
-        near = [self._submaps[place] for place in self.near(here, nodes, reach_m)]
+        near = self.near(here, nodes, reach_m)
+        others = [place for place in near if self._submaps[place].index != anchor]
         return tuple(
             Candidate(submap, Pose2.from_array(nodes[submap.index]).inverse() @ here, 0.0, 0.0)
-            for submap in [submap for submap in near if submap.index != anchor][:most]
+            for submap in map(self._unpack, others[:most])
         )
 
     def near(self, here: Pose2, nodes: FloatArray, reach_m: float) -> list[int]:
@@ -99,6 +107,18 @@ class CandidateFinder:
             if away <= reach_m:
                 found.append((away, int(place)))
         return [place for _, place in sorted(found)]
+
+    def _unpack(self, place: int) -> Submap:
+        """A submap to be searched, for a job too: it is not written to again."""
+        submap = self._unpacked.pop(place, None) or self._submaps[place].unpack()
+        self._keep_unpacked(place, submap)
+        return submap
+
+    def _keep_unpacked(self, place: int, submap: Submap) -> None:
+        """The last one used; the one that was not used for longest stays packed alone."""
+        self._unpacked[place] = submap
+        if len(self._unpacked) > UNPACKED:
+            del self._unpacked[next(iter(self._unpacked))]
 
     def _may_tie(self, of: int, to: int) -> bool:
         """Whether a closure between two anchors would tell anything new."""

@@ -9,7 +9,7 @@ from robot.perception.odometry import Motion
 from robot.perception.scan import LaserScan
 from robot.slam.engine import Anchor, Entry, Estimate, GraphSnapshot, Keyframe
 from robot.slam.gaussian import carry
-from robot.slam.submap import Submap
+from robot.slam.packed_submap import PackedSubmap
 from robot.slam.trajectory import RelativeTrajectory
 
 KEYFRAME_M = 0.3
@@ -51,7 +51,7 @@ class DeadReckoning:
         return entries
 
     @property
-    def submaps(self) -> tuple[Submap, ...]:
+    def submaps(self) -> tuple[PackedSubmap, ...]:
         return ()
 
     def trajectory(self, anchors: FloatArray | None = None) -> FloatArray:

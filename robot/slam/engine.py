@@ -16,7 +16,7 @@ from robot.perception.odometry import Motion
 from robot.perception.scan import LaserScan
 
 if TYPE_CHECKING:
-    from robot.slam.submap import Submap
+    from robot.slam.packed_submap import PackedSubmap
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +98,7 @@ class Engine(Protocol):
         an anchor before its keyframes, both ends of a closure before it."""
 
     @property
-    def submaps(self) -> "tuple[Submap, ...]":
+    def submaps(self) -> "tuple[PackedSubmap, ...]":
         """The finished submaps, oldest first, in which others' scans can be found again."""
 
     def trajectory(self, anchors: FloatArray | None = None) -> FloatArray:

@@ -24,7 +24,7 @@ from robot.slam.engine import Anchor, Closure, Entry, Estimate, GraphSnapshot, K
 from robot.slam.front_end import FrontEnd, Progress
 from robot.slam.gaussian import carry
 from robot.slam.loop_closure import Candidate, Query, Verdict, examine
-from robot.slam.submap import Submap
+from robot.slam.packed_submap import PackedSubmap
 from robot.slam.trajectory import RelativeTrajectory
 
 START_INFORMATION = np.eye(3) * 1e6
@@ -94,7 +94,7 @@ class GraphSlam:
         return entries
 
     @property
-    def submaps(self) -> tuple[Submap, ...]:
+    def submaps(self) -> tuple[PackedSubmap, ...]:
         return self._candidates.submaps
 
     def trajectory(self, anchors: FloatArray | None = None) -> FloatArray:

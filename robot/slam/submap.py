@@ -3,8 +3,6 @@
 import dataclasses
 from dataclasses import dataclass
 
-import numpy as np
-
 from protocol.pose import FloatArray, Pose2
 from robot.perception.field import CorrelationField
 from robot.perception.returns import Returns
@@ -21,8 +19,6 @@ class Submap:
     """`T_anchor_keyframe` (3,) of every scan drawn."""
     travel_m: float = 0.0
     finished: bool = False
-    way: FloatArray = dataclasses.field(default_factory=lambda: np.zeros((0, 2)))
-    """Where its scans were taken (k×2, m, anchor's frame), once it is finished."""
     blocks: Blocks | None = None
     """What searches look at, once it is finished."""
 
@@ -43,5 +39,4 @@ class Submap:
         """Give back the memory of the empty margin, and get ready to be searched."""
         self.field = self.field.cropped()
         self.blocks = Blocks.of(self.field)
-        self.way = np.array(self.keyframes)[:, :2].copy()
         self.finished = True

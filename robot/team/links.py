@@ -18,7 +18,7 @@ from robot.perception.scan import LaserScan
 from robot.slam.config import GraphSlamConfig
 from robot.slam.engine import Keyframe
 from robot.slam.loop_closure import Candidate, Query, Verdict, examine
-from robot.slam.submap import Submap
+from robot.slam.packed_submap import PackedSubmap
 from robot.team.entries import Link
 from robot.team.joint import JointGraph, Solution, anchor_pose
 from robot.team.journal import LogName
@@ -41,7 +41,7 @@ class Trial:
     keyframe: Keyframe
     angles: FloatArray
     max_range_m: float
-    submap: Submap
+    submap: PackedSubmap
     T_submap_base: Pose2
 
 
@@ -61,7 +61,7 @@ class LinkFinder:
         jobs: Jobs,
         graph: JointGraph,
         solution: Solution,
-        submaps: tuple[Submap, ...],
+        submaps: tuple[PackedSubmap, ...],
     ) -> list[Link]:
         """The links that landed at this tick; starts the next trial when none is under way."""
         found = [link for links in jobs.landed(JOB, tick) for link in links]
@@ -72,7 +72,7 @@ class LinkFinder:
         return found
 
     def _next_trials(
-        self, graph: JointGraph, solution: Solution, submaps: tuple[Submap, ...]
+        self, graph: JointGraph, solution: Solution, submaps: tuple[PackedSubmap, ...]
     ) -> tuple[Trial, ...]:
         """The first pair that is near and not examined yet, as up to `TRIES` trials."""
         ours = graph.log(self._own)
@@ -106,10 +106,10 @@ class LinkFinder:
                         )
         return ()
 
-    def _is_waiting(self, name: LogName, log: LogGraph, submap: Submap) -> bool:
+    def _is_waiting(self, name: LogName, log: LogGraph, submap: PackedSubmap) -> bool:
         return self._reached.get((name, submap.index), 0) < len(log.anchors) - 2
 
-    def _waiting(self, name: LogName, log: LogGraph, submap: Submap) -> Iterator[int]:
+    def _waiting(self, name: LogName, log: LogGraph, submap: PackedSubmap) -> Iterator[int]:
         """Anchors that have all their keyframes (a later one exists) and were not examined; those
         that were asked for are."""
         pair = (name, submap.index)
@@ -122,13 +122,15 @@ def _keyframes_of(log: LogGraph, anchor: int) -> list[Keyframe]:
     return [log.keyframes[n] for n in np.flatnonzero(log.views.values[:, 0] == anchor)]
 
 
-def _near(submap: Submap, T_submap_anchor: Pose2, keyframes: list[Keyframe]) -> list[Keyframe]:
+def _near(
+    submap: PackedSubmap, T_submap_anchor: Pose2, keyframes: list[Keyframe]
+) -> list[Keyframe]:
     """Up to `TRIES` of the keyframes near the way of the submap, spread over them."""
-    if not keyframes or not submap.keyframes:
+    if not keyframes:
         return []
     relative = np.array([keyframe.T_anchor_keyframe.to_array() for keyframe in keyframes])
     there = compose(T_submap_anchor.to_array(), relative)
-    way = np.array(submap.keyframes)
+    way = submap.way
     apart = np.hypot(there[:, None, 0] - way[None, :, 0], there[:, None, 1] - way[None, :, 1]).min(
         axis=1
     )
@@ -148,7 +150,7 @@ def find_links(
         scan = LaserScan(keyframe.ranges, trial.angles, trial.max_range_m)
         returns = describe_returns(scan, noise, config.front_end.usable_range_m)
         query = Query(keyframe.anchor, keyframe.T_anchor_keyframe, keyframe.covariance, returns)
-        candidate = Candidate(trial.submap, trial.T_submap_base, 0.0, 0.0)
+        candidate = Candidate(trial.submap.unpack(), trial.T_submap_base, 0.0, 0.0)
         (verdict,) = examine(query, (candidate,), config.closures)
         if verdict.accepted and _is_where_expected(trial, verdict):
             links.append(
