@@ -64,6 +64,7 @@ class GraphSlam:
         self._keyframes = 0
         self._last_keyframe: Pose2 | None = None
         self._kept: dict[tuple[int, int, int], int] = {}
+        self._explored = False
         self.loop_closures = 0
         self.refusals: dict[str, int] = {}
         """How often candidates were refused, by reason."""
@@ -72,8 +73,11 @@ class GraphSlam:
     def anchors(self) -> FloatArray:
         return self._graph.nodes
 
-    def step(self, tick: int, motion: Motion, scan: LaserScan | None) -> Estimate:
+    def step(
+        self, tick: int, motion: Motion, scan: LaserScan | None, explored: bool = False
+    ) -> Estimate:
         """Land what was searched, predict by odometry, correct by the scan, look for loops."""
+        self._explored = explored
         for findings in self._jobs.landed(JOB, tick):
             self._land(findings)
         self._front_end.predict(motion)
@@ -154,10 +158,11 @@ class GraphSlam:
     def _settle_where_known(self, returns: Returns) -> None:
         """Stop mapping where enough submaps have seen the place."""
         config = self._config.revisits
+        enough = config.enough_when_explored if self._explored else config.enough_submaps
         if len(self._front_end.current.keyframes) < config.min_keyframes:
             return
         near = self._candidates.near(self._here(), self._graph.nodes, config.near_m)
-        if len(near) >= config.enough_submaps:
+        if len(near) >= enough:
             self._settle(returns)
 
     def _stay_on_known_ground(self, progress: Progress) -> None:
@@ -165,6 +170,8 @@ class GraphSlam:
         seen = progress.match.score >= self._config.revisits.leave_score
         if seen or self._settle(progress.returns):
             return
+        if self._explored:
+            self._forget_places()
         anchor = self._front_end.depart(progress.returns)
         self._graph.add_anchor(anchor.of, anchor.T_of_anchor, anchor.information)
         # In the journal an anchor follows the one before it; what holds this one is a closure.
@@ -194,7 +201,8 @@ class GraphSlam:
             return False
         best = max(known, key=lambda verdict: verdict.score)
         submap = next(c.submap for c in candidates if c.submap.index == best.of)
-        if self._candidates.may_tie_again(best.of, anchor):
+        enough_tied = self._explored and front_end.current.finished
+        if not enough_tied and self._candidates.may_tie_again(best.of, anchor):
             self._add_closures((Closure(best.of, anchor, best.T_of_to, best.information),))
         for left in front_end.settle(submap, best.T_of_to @ pose):
             self._candidates.add(left)
@@ -226,7 +234,10 @@ class GraphSlam:
 
     def _is_wanted(self, pose: Pose2) -> bool:
         """Whether few keyframes show this place from this side; counts one more if so."""
+        if self._explored and self._front_end.current.finished:
+            return False
         config = self._config.revisits
+        enough = 1 if self._explored else config.enough_keyframes
         place = (
             math.floor(pose.x / config.place_m),
             math.floor(pose.y / config.place_m),
@@ -234,7 +245,17 @@ class GraphSlam:
         )
         kept = self._kept.get(place, 0)
         self._kept[place] = min(kept + 1, config.enough_keyframes)
-        return kept < config.enough_keyframes
+        return kept < enough
+
+    def _forget_places(self) -> None:
+        """What was kept of the places around here does not show what is there now."""
+        here, config = self._here(), self._config.revisits
+        self._kept = {
+            place: kept
+            for place, kept in self._kept.items()
+            if math.hypot(place[0] * config.place_m - here.x, place[1] * config.place_m - here.y)
+            > config.near_m
+        }
 
     def _estimate(self) -> Estimate:
         front_end = self._front_end

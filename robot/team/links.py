@@ -5,6 +5,7 @@ be in a submap of ours, to within what both have drifted. The scan is matched th
 like a loop closure of our own; what passes ties the two logs together in the joint solution.
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -28,10 +29,12 @@ EVERY_TICKS = 2
 LANDING_TICKS = 3
 NEAR_M = 4.0  # between a teammate's keyframe and the way that a submap was driven
 TRIES = 2  # keyframes of one anchor that are tried in one submap
+ENOUGH = 3  # links of a submap to one log, once the building is explored
 # A match farther than this from where both maps put it is of another place.
 MAX_SHIFT_M, MAX_TURN_RAD = 0.5, 0.1
 
-Pair = tuple[LogName, int, int]
+Pair = tuple[LogName, int]
+"""A teammate's log, and a submap of our own."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +56,8 @@ class LinkFinder:
         self._own = own
         self._noise = noise_model(lidar)
         self._config = config
-        self._examined: set[Pair] = set()
+        self._examined: dict[Pair, int] = {}  # anchors of the log that were tried in the submap
+        self._found: dict[Pair, int] = {}
 
     def step(
         self,
@@ -62,30 +66,38 @@ class LinkFinder:
         graph: JointGraph,
         solution: Solution,
         submaps: tuple[Submap, ...],
+        explored: bool = False,
     ) -> list[Link]:
-        """The links that landed at this tick; starts the next trial when none is under way."""
+        """The links that landed at this tick; starts the next trial when none is under way.
+
+        In a building that is `explored`, submaps that have enough links are left alone."""
         found = [link for links in jobs.landed(JOB, tick) for link in links]
+        for link in found:
+            self._found[link.log, link.of] = self._found.get((link.log, link.of), 0) + 1
         if tick % EVERY_TICKS == 0 and self._own in solution and not jobs.pending(JOB):
-            trials = self._next_trials(graph, solution, submaps)
+            trials = self._next_trials(graph, solution, submaps, ENOUGH if explored else math.inf)
             if trials:
                 jobs.start(JOB, tick, LANDING_TICKS, find_links, trials, self._noise, self._config)
         return found
 
     def _next_trials(
-        self, graph: JointGraph, solution: Solution, submaps: tuple[Submap, ...]
+        self, graph: JointGraph, solution: Solution, submaps: tuple[Submap, ...], enough: float
     ) -> tuple[Trial, ...]:
-        """The first pair that is near and not examined yet, as up to `TRIES` trials."""
+        """The first pair that is near and not examined yet, as up to `TRIES` trials, of submaps
+        that have less than `enough` links to the other log."""
         ours = graph.log(self._own)
         for name in sorted(solution):
             log = graph.log(name)
             if name == self._own or log is None or log.hello is None:
                 continue
             for submap in submaps:
+                if self._found.get((name, submap.index), 0) >= enough:
+                    continue
                 placed = anchor_pose(ours, solution[self._own], submap.index)
                 if placed is None:
                     continue
                 for anchor, keyframes in self._waiting(name, log, submap):
-                    self._examined.add((name, anchor, submap.index))
+                    self._examined[name, submap.index] = anchor + 1
                     there = anchor_pose(log, solution[name], anchor)
                     if there is None:
                         continue
@@ -109,9 +121,8 @@ class LinkFinder:
         self, name: LogName, log: LogGraph, submap: Submap
     ) -> Iterator[tuple[int, list[Keyframe]]]:
         """Anchors that have all their keyframes (a later one exists) and were not examined."""
-        for anchor in range(len(log.anchors) - 2):
-            if (name, anchor, submap.index) not in self._examined:
-                yield anchor, [k for k in log.keyframes if k.anchor == anchor]
+        for anchor in range(self._examined.get((name, submap.index), 0), len(log.anchors) - 2):
+            yield anchor, [k for k in log.keyframes if k.anchor == anchor]
 
 
 def _near(submap: Submap, T_submap_anchor: Pose2, keyframes: list[Keyframe]) -> list[Keyframe]:
