@@ -66,9 +66,6 @@ class RevisitConfig(Model):
 
     near_m: float = Field(2.0, gt=0.0, description="ways of submaps that come so near count")
     enough_submaps: int = Field(9, ge=1, description="so many make a place well known")
-    enough_when_explored: int = Field(
-        1, ge=1, description="likewise, once nothing is left to explore in the building"
-    )
     min_keyframes: int = Field(10, ge=1, description="a submap holds more than these when left")
     settle_score: float = Field(
         0.75, ge=0.0, le=1.0, description="match of a scan in a submap to go on in it"
@@ -86,4 +83,10 @@ class GraphSlamConfig(Model):
     front_end: FrontEndConfig = FrontEndConfig()
     closures: ClosureConfig = ClosureConfig()
     revisits: RevisitConfig = RevisitConfig()
+    explored: RevisitConfig = Field(
+        RevisitConfig(
+            enough_submaps=1, settle_score=0.67, leave_score=0.6, max_tries=8, enough_keyframes=1
+        ),
+        description="likewise, once nothing is left to explore in the building",
+    )
     optimiser_iterations: int = Field(12, ge=1)

@@ -19,7 +19,7 @@ from robot.perception.returns import Returns
 from robot.perception.scan import LaserScan
 from robot.slam.anchor_graph import AnchorGraph, Optimised, optimise_anchors
 from robot.slam.candidates import CandidateFinder
-from robot.slam.config import GraphSlamConfig
+from robot.slam.config import GraphSlamConfig, RevisitConfig
 from robot.slam.engine import Anchor, Closure, Entry, Estimate, GraphSnapshot, Keyframe
 from robot.slam.front_end import FrontEnd, Progress
 from robot.slam.gaussian import carry
@@ -155,19 +155,22 @@ class GraphSlam:
 
     # known ground
 
+    @property
+    def _revisits(self) -> RevisitConfig:
+        return self._config.explored if self._explored else self._config.revisits
+
     def _settle_where_known(self, returns: Returns) -> None:
         """Stop mapping where enough submaps have seen the place."""
-        config = self._config.revisits
-        enough = config.enough_when_explored if self._explored else config.enough_submaps
+        config = self._revisits
         if len(self._front_end.current.keyframes) < config.min_keyframes:
             return
         near = self._candidates.near(self._here(), self._graph.nodes, config.near_m)
-        if len(near) >= enough:
+        if len(near) >= config.enough_submaps:
             self._settle(returns)
 
     def _stay_on_known_ground(self, progress: Progress) -> None:
         """Go on in another submap when this one shows too little, or map again if none does."""
-        seen = progress.match.score >= self._config.revisits.leave_score
+        seen = progress.match.score >= self._revisits.leave_score
         if seen or self._settle(progress.returns):
             return
         if self._explored:
@@ -185,7 +188,7 @@ class GraphSlam:
 
     def _settle(self, returns: Returns) -> bool:
         """Go on in the finished submap nearby that explains the scan best, if one does well."""
-        front_end, config = self._front_end, self._config
+        front_end, config, revisits = self._front_end, self._config, self._revisits
         anchor, pose = front_end.current.index, front_end.pose
         query = Query(anchor, pose, front_end.match_covariance, returns)
         candidates = self._candidates.others(
@@ -193,10 +196,10 @@ class GraphSlam:
             self._here(),
             self._graph.nodes,
             config.closures.radius_m,
-            config.revisits.max_tries,
+            revisits.max_tries,
         )
         verdicts = examine(query, candidates, config.closures)
-        known = [v for v in verdicts if v.accepted and v.score >= config.revisits.settle_score]
+        known = [v for v in verdicts if v.accepted and v.score >= revisits.settle_score]
         if not known:
             return False
         best = max(known, key=lambda verdict: verdict.score)
@@ -236,20 +239,19 @@ class GraphSlam:
         """Whether few keyframes show this place from this side; counts one more if so."""
         if self._explored and self._front_end.current.finished:
             return False
-        config = self._config.revisits
-        enough = 1 if self._explored else config.enough_keyframes
+        config = self._revisits
         place = (
             math.floor(pose.x / config.place_m),
             math.floor(pose.y / config.place_m),
             math.floor(pose.theta / config.place_rad),
         )
         kept = self._kept.get(place, 0)
-        self._kept[place] = min(kept + 1, config.enough_keyframes)
-        return kept < enough
+        self._kept[place] = max(kept, min(kept + 1, config.enough_keyframes))
+        return kept < config.enough_keyframes
 
     def _forget_places(self) -> None:
         """What was kept of the places around here does not show what is there now."""
-        here, config = self._here(), self._config.revisits
+        here, config = self._here(), self._revisits
         self._kept = {
             place: kept
             for place, kept in self._kept.items()

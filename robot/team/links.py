@@ -29,7 +29,7 @@ EVERY_TICKS = 2
 LANDING_TICKS = 3
 NEAR_M = 4.0  # between a teammate's keyframe and the way that a submap was driven
 TRIES = 2  # keyframes of one anchor that are tried in one submap
-ENOUGH = 3  # links of a submap to one log, once the building is explored
+ENOUGH = 1  # links of a submap to one log, once the building is explored
 # A match farther than this from where both maps put it is of another place.
 MAX_SHIFT_M, MAX_TURN_RAD = 0.5, 0.1
 
