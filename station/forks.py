@@ -78,6 +78,13 @@ class Forks:
         return ForkError(f"the process that robots are forked from {what}: {said}")
 
 
+class Spawns:
+    """Robots as programs that are started anew, where there is no fork server."""
+
+    def start(self, name: str, arguments: Sequence[str], log_path: Path) -> Child:
+        return Spawned(name, [sys.executable, "-m", "station.main", *arguments], log_path)
+
+
 class Forked(Child):
     """A robot that the server forked, and reaps."""
 
@@ -117,3 +124,13 @@ def fork_server(folder: Path) -> Iterator[Forks]:
             )
             family.append(server)
         yield Forks(server, ours)
+
+
+@contextmanager
+def robot_starter(folder: Path) -> Iterator[Forks | Spawns]:
+    """The quickest way to start robots here: the server asks Linux for what others do not have."""
+    if sys.platform == "linux":
+        with fork_server(folder) as forks:
+            yield forks
+    else:
+        yield Spawns()

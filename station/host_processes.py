@@ -13,7 +13,7 @@ from protocol.keys import key_path, make_keys
 from protocol.messages import Report
 from robot.journal_file import remove_journals
 from station.child import Child, children
-from station.forks import fork_server
+from station.forks import robot_starter
 from station.free_port import free_port
 from station.hosts import LaunchError, Played, Relay, played
 from station.observer import Observer
@@ -45,7 +45,7 @@ def play_processes(
     with (
         _folder(folder) as kept,
         _throw_away_keys(names) as keys,
-        fork_server(kept) as forks,
+        robot_starter(kept) as starter,
         _free_router(keys, names) as (bus, endpoint),
         children() as family,
     ):
@@ -56,7 +56,7 @@ def play_processes(
         )
         for name in names:
             arguments = _robot_arguments(name, endpoint, key_path(keys, name), kept / JOURNALS)
-            family.append(forks.start(name, arguments, kept / f"{name}.log"))
+            family.append(starter.start(name, arguments, kept / f"{name}.log"))
         try:
             world.run()
         finally:

@@ -7,8 +7,9 @@ import numpy as np
 from protocol.config import LidarConfig
 from protocol.pose import FloatArray, Pose2, wrap_angles
 from robot.mapping.occupancy import OccupancyMap
-from robot.team.joint import JointGraph, LogGraph, Solution, anchor_poses, keyframe_poses
+from robot.team.joint import JointGraph, Solution, anchor_poses, keyframe_poses
 from robot.team.journal import LogName
+from robot.team.log_graph import LogGraph
 
 # A keyframe that moved less than this stays where it is drawn: a fraction of a cell.
 MOVED_M, MOVED_RAD = 0.01, 0.002

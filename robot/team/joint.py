@@ -6,31 +6,22 @@ chains of anchors as their owners measured them, never from an older solution.
 """
 
 from collections.abc import Collection
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from protocol.pose import FloatArray, Pose2, compose
-from robot.slam.engine import Anchor, Closure, Keyframe
 from robot.slam.pose_graph import optimise
-from robot.team.entries import Hello, Known, Link
+from robot.team.entries import Known
 from robot.team.journal import LogName
+from robot.team.log_graph import EDGE_COLUMNS, LogGraph
+
+IntArray = npt.NDArray[np.int32]
+NO_NODES: IntArray = np.zeros((0, 2), dtype=np.int32)
 
 Solution = dict[LogName, FloatArray]
 """Poses (m×3) of the anchors of each log that is tied to the team's frame."""
-
-
-@dataclass(slots=True)
-class LogGraph:
-    """What one log says: anchors each against the one before, closures, keyframes, and links to
-    anchors of other logs."""
-
-    hello: Hello | None = None
-    anchors: list[Anchor] = field(default_factory=list)
-    closures: list[Closure] = field(default_factory=list)
-    keyframes: list[Keyframe] = field(default_factory=list)
-    links: list[Link] = field(default_factory=list)
 
 
 LinkName = tuple[LogName, int]
@@ -55,7 +46,7 @@ class Problem:
     logs: tuple[LogName, ...]
     sizes: tuple[int, ...]
     nodes: FloatArray
-    edge_nodes: npt.NDArray[np.int32]
+    edge_nodes: IntArray
     measurements: FloatArray
     information: FloatArray
     fixed: npt.NDArray[np.bool_]
@@ -77,39 +68,13 @@ class JointGraph:
 
     def add(self, name: LogName, entry: Known) -> bool:
         """Take in the next entry of a log; False if it does not fit what came before it."""
-        log = self._logs.setdefault(name, LogGraph())
-        if isinstance(entry, Hello):
-            if log.hello is not None:
-                return False
-            log.hello = entry
-        elif log.hello is None:
-            return False
-        elif isinstance(entry, Anchor):
-            if entry.index != len(log.anchors):
-                return False
-            log.anchors.append(entry)
-        elif isinstance(entry, Keyframe):
-            if entry.anchor >= len(log.anchors) or len(entry.ranges) != log.hello.beams:
-                return False
-            log.keyframes.append(entry)
-        elif isinstance(entry, Link):
-            # The other log may come later; until then the link waits.
-            if entry.of >= len(log.anchors) or entry.log == name:
-                return False
-            log.links.append(entry)
-        else:
-            if max(entry.of, entry.to) >= len(log.anchors):
-                return False
-            log.closures.append(entry)
-        return True
+        return self._logs.setdefault(name, LogGraph()).add(name, entry)
 
     def snapshot(self, names: Collection[LogName] | None = None) -> "JointGraph":
         """A copy of some logs, or of all, that no later entry changes: for a job."""
         copy = JointGraph()
         copy._logs = {
-            name: LogGraph(
-                log.hello, log.anchors[:], log.closures[:], log.keyframes[:], log.links[:]
-            )
+            name: log.snapshot()
             for name, log in self._logs.items()
             if names is None or name in names
         }
@@ -136,9 +101,8 @@ class JointGraph:
         ]
         sizes = [len(chain) for chain in chains]
         bases = dict(zip(names, np.cumsum([0, *sizes]).tolist(), strict=False))
-        edges = _Edges()
-        for name in names:
-            self._add_edges(edges, name, bases, group.links)
+        edges = [edge for name in names for edge in self._edges(name, bases, _numbers(group, name))]
+        rows = np.concatenate([np.zeros((0, EDGE_COLUMNS)), *(edge.rows for edge in edges)])
         poses = np.concatenate(chains) if chains else np.zeros((0, 3))
         fixed = np.zeros(len(poses), dtype=np.bool_)
         fixed[[bases[name] for name, held in zip(names, group.held, strict=True) if held]] = True
@@ -146,50 +110,53 @@ class JointGraph:
             names,
             tuple(sizes),
             poses,
-            np.array(edges.nodes, dtype=np.int32).reshape(-1, 2),
-            np.array(edges.measurements).reshape(-1, 3),
-            np.array(edges.information).reshape(-1, 3, 3),
+            np.concatenate([NO_NODES, *(edge.nodes for edge in edges)]),
+            rows[:, 2:5].copy(),
+            rows[:, 5:].reshape(-1, 3, 3),
             fixed,
-            np.array(edges.robust, dtype=np.bool_),
+            np.concatenate([fixed[:0], *(np.full(len(edge.rows), edge.robust) for edge in edges)]),
         )
 
-    def _add_edges(
-        self,
-        edges: "_Edges",
-        name: LogName,
-        bases: dict[LogName, int],
-        counted: frozenset[LinkName],
-    ) -> None:
+    def _edges(
+        self, name: LogName, bases: dict[LogName, int], counted: list[int]
+    ) -> "tuple[_Edges, _Edges, _Edges]":
         """What one log says of its own anchors, and of those of others that are there."""
         log, base = self._logs[name], bases[name]
-        for anchor in log.anchors[1:]:
-            at = base + anchor.index
-            edges.add(at - 1, at, anchor.T_previous_anchor, anchor.information, False)
-        for closure in log.closures:
-            of, to = base + closure.of, base + closure.to
-            edges.add(of, to, closure.T_of_to, closure.information, True)
-        for number, link in enumerate(log.links):
-            if (name, number) not in counted:
-                continue
-            if link.log in bases and link.to < len(self._logs[link.log].anchors):
-                of, to = base + link.of, bases[link.log] + link.to
-                edges.add(of, to, link.T_of_to, link.information, True)
+        there = [
+            number
+            for number in counted
+            if (other := log.links[number].log) in bases
+            and log.links[number].to < len(self._logs[other].anchors)
+        ]
+        ties = log.ties.values[there]
+        to = np.array([bases[log.links[number].log] for number in there], dtype=np.int32)
+        return (
+            _Edges(log.steps.values, _nodes(log.steps.values, base, base), False),
+            _Edges(log.loops.values, _nodes(log.loops.values, base, base), True),
+            _Edges(ties, _nodes(ties, base, to), True),
+        )
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
 class _Edges:
-    """Edges as they are gathered."""
+    """Edges of one kind in one log: rows of a `LogGraph`, and the nodes (k×2) they tie."""
 
-    nodes: list[tuple[int, int]] = field(default_factory=list)
-    measurements: list[FloatArray] = field(default_factory=list)
-    information: list[FloatArray] = field(default_factory=list)
-    robust: list[bool] = field(default_factory=list)
+    rows: FloatArray
+    nodes: IntArray
+    robust: bool
 
-    def add(self, of: int, to: int, T_of_to: Pose2, information: FloatArray, robust: bool) -> None:
-        self.nodes.append((of, to))
-        self.measurements.append(T_of_to.to_array())
-        self.information.append(information)
-        self.robust.append(robust)
+
+def _nodes(rows: FloatArray, of: int, to: "int | IntArray") -> IntArray:
+    """Numbers of anchors in their logs to those of nodes, for the first nodes of the logs."""
+    nodes = rows[:, :2].astype(np.int32)
+    nodes[:, 0] += of
+    nodes[:, 1] += to
+    return nodes
+
+
+def _numbers(group: Group, name: LogName) -> list[int]:
+    """The links of a log that count, in their order."""
+    return sorted(number for holder, number in group.links if holder == name)
 
 
 def solve(problem: Problem) -> Solution:
@@ -227,19 +194,19 @@ def anchor_pose(log: LogGraph | None, solved: FloatArray | None, index: int) -> 
 
 def anchor_poses(log: LogGraph, solved: FloatArray) -> FloatArray:
     """Poses (m×3) of all anchors of a log, likewise."""
-    poses = [Pose2.from_array(row) for row in solved[: len(log.anchors)]]
-    for anchor in log.anchors[len(poses) :]:
+    newer = log.anchors[len(solved) :]
+    if not newer:
+        return solved[: len(log.anchors)].copy()
+    poses = [Pose2.from_array(solved[-1])]
+    for anchor in newer:
         poses.append(poses[-1] @ anchor.T_previous_anchor)
-    return np.array([pose.to_array() for pose in poses])
+    return np.concatenate([solved, [pose.to_array() for pose in poses[1:]]])
 
 
 def keyframe_poses(log: LogGraph, anchors: FloatArray, since: int = 0) -> FloatArray:
     """Poses (k×3) of the keyframes from number `since` on."""
-    keyframes = log.keyframes[since:]
-    if not keyframes:
-        return np.zeros((0, 3))
-    relative = np.array([keyframe.T_anchor_keyframe.to_array() for keyframe in keyframes])
-    return compose(anchors[[keyframe.anchor for keyframe in keyframes]], relative)
+    views = log.views.values[since:]
+    return compose(anchors[views[:, 0].astype(np.int64)], views[:, 1:])
 
 
 def _chain(log: LogGraph, pose: Pose2) -> FloatArray:

@@ -21,8 +21,9 @@ from robot.slam.engine import Keyframe
 from robot.slam.loop_closure import Candidate, Query, Verdict, examine
 from robot.slam.submap import Submap
 from robot.team.entries import Link
-from robot.team.joint import JointGraph, LogGraph, Solution, anchor_pose
+from robot.team.joint import JointGraph, Solution, anchor_pose
 from robot.team.journal import LogName
+from robot.team.log_graph import LogGraph
 
 JOB = "links"
 EVERY_TICKS = 2
@@ -32,9 +33,6 @@ TRIES = 2  # keyframes of one anchor that are tried in one submap
 ENOUGH = 1  # links of a submap to one log, once the building is explored
 # A match farther than this from where both maps put it is of another place.
 MAX_SHIFT_M, MAX_TURN_RAD = 0.5, 0.1
-
-Pair = tuple[LogName, int]
-"""A teammate's log, and a submap of our own."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,8 +54,10 @@ class LinkFinder:
         self._own = own
         self._noise = noise_model(lidar)
         self._config = config
-        self._examined: dict[Pair, int] = {}  # anchors of the log that were tried in the submap
-        self._found: dict[Pair, int] = {}
+        self._reached: dict[tuple[LogName, int], int] = {}
+        """Up to which anchor of a log it was looked for in the submap of that index."""
+        self._found: dict[tuple[LogName, int], int] = {}
+        """Links to a log that the submap of that index has."""
 
     def step(
         self,
@@ -75,7 +75,8 @@ class LinkFinder:
         for link in found:
             self._found[link.log, link.of] = self._found.get((link.log, link.of), 0) + 1
         if tick % EVERY_TICKS == 0 and self._own in solution and not jobs.pending(JOB):
-            trials = self._next_trials(graph, solution, submaps, ENOUGH if explored else math.inf)
+            enough = ENOUGH if explored else math.inf
+            trials = self._next_trials(graph, solution, submaps, enough)
             if trials:
                 jobs.start(JOB, tick, LANDING_TICKS, find_links, trials, self._noise, self._config)
         return found
@@ -83,8 +84,7 @@ class LinkFinder:
     def _next_trials(
         self, graph: JointGraph, solution: Solution, submaps: tuple[Submap, ...], enough: float
     ) -> tuple[Trial, ...]:
-        """The first pair that is near and not examined yet, as up to `TRIES` trials, of submaps
-        that have less than `enough` links to the other log."""
+        """The first pair that is near and not examined yet, as up to `TRIES` trials."""
         ours = graph.log(self._own)
         for name in sorted(solution):
             log = graph.log(name)
@@ -93,16 +93,17 @@ class LinkFinder:
             for submap in submaps:
                 if self._found.get((name, submap.index), 0) >= enough:
                     continue
+                if not self._is_waiting(name, log, submap):
+                    continue
                 placed = anchor_pose(ours, solution[self._own], submap.index)
                 if placed is None:
                     continue
-                for anchor, keyframes in self._waiting(name, log, submap):
-                    self._examined[name, submap.index] = anchor + 1
+                for anchor in self._waiting(name, log, submap):
                     there = anchor_pose(log, solution[name], anchor)
                     if there is None:
                         continue
                     T_submap_anchor = placed.inverse() @ there
-                    near = _near(submap, T_submap_anchor, keyframes)
+                    near = _near(submap, T_submap_anchor, _keyframes_of(log, anchor))
                     if near:
                         return tuple(
                             Trial(
@@ -117,12 +118,20 @@ class LinkFinder:
                         )
         return ()
 
-    def _waiting(
-        self, name: LogName, log: LogGraph, submap: Submap
-    ) -> Iterator[tuple[int, list[Keyframe]]]:
-        """Anchors that have all their keyframes (a later one exists) and were not examined."""
-        for anchor in range(self._examined.get((name, submap.index), 0), len(log.anchors) - 2):
-            yield anchor, [k for k in log.keyframes if k.anchor == anchor]
+    def _is_waiting(self, name: LogName, log: LogGraph, submap: Submap) -> bool:
+        return self._reached.get((name, submap.index), 0) < len(log.anchors) - 2
+
+    def _waiting(self, name: LogName, log: LogGraph, submap: Submap) -> Iterator[int]:
+        """Anchors that have all their keyframes (a later one exists) and were not examined; those
+        that were asked for are."""
+        pair = (name, submap.index)
+        for anchor in range(self._reached.get(pair, 0), len(log.anchors) - 2):
+            self._reached[pair] = anchor + 1
+            yield anchor
+
+
+def _keyframes_of(log: LogGraph, anchor: int) -> list[Keyframe]:
+    return [log.keyframes[n] for n in np.flatnonzero(log.views.values[:, 0] == anchor)]
 
 
 def _near(submap: Submap, T_submap_anchor: Pose2, keyframes: list[Keyframe]) -> list[Keyframe]:

@@ -13,7 +13,8 @@ from protocol.pose import FloatArray, Pose2
 from robot.perception.field import CorrelationField, Overlay
 from robot.perception.returns import Returns, describe_returns
 from robot.perception.scan import LaserScan
-from robot.team.joint import LogGraph, keyframe_poses
+from robot.team.joint import keyframe_poses
+from robot.team.log_graph import LogGraph
 from robot.team.place import USABLE_RANGE_M, spread
 
 # Keyframes nearer than this to the last one used show little that is new.

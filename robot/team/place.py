@@ -13,7 +13,7 @@ from protocol.pose import IDENTITY, FloatArray, Pose2, compose, invert
 from robot.perception.field import CorrelationField
 from robot.perception.returns import Returns, describe_returns
 from robot.perception.scan import LaserScan
-from robot.team.joint import LogGraph
+from robot.team.log_graph import LogGraph
 
 TRAVEL_M = 6.0
 EVERY_M = 4.0

@@ -14,8 +14,9 @@ from robot.jobs import Jobs
 from robot.perception.returns import noise_model
 from robot.perception.search import Pyramid
 from robot.team.entries import Link
-from robot.team.joint import JointGraph, LogGraph
+from robot.team.joint import JointGraph
 from robot.team.journal import LogName
+from robot.team.log_graph import LogGraph
 from robot.team.place import Place, Stretch, make_place, stretches
 from robot.team.place_match import find_place, make_pyramid
 

@@ -8,13 +8,13 @@ from pathlib import Path
 import pytest
 
 from station.child import Child, children
-from station.forks import ForkError, Forks, fork_server
+from station.forks import ForkError, Forks, Spawns, fork_server
 
 WAIT_S = 60.0
 NOWHERE = "tcp/127.0.0.1:1"
 
 
-def start(forks: Forks, folder: Path, name: str, *words: str) -> Child:
+def start(forks: Forks | Spawns, folder: Path, name: str, *words: str) -> Child:
     arguments = ["robot", name, "--connect", NOWHERE, *words]
     return forks.start(name, arguments, folder / f"{name}.log")
 
@@ -77,3 +77,10 @@ def test_robots_end_with_their_server_and_it_is_said(tmp_path: Path) -> None:
         assert not is_running(robot.pid)
         with pytest.raises(ForkError, match="robots are forked from ended"):
             start(forks, tmp_path, "r2")
+
+
+def test_without_a_server_they_are_programs_of_their_own(tmp_path: Path) -> None:
+    with children() as family:
+        family.append(start(Spawns(), tmp_path, "r1", "--wait", "0.2"))
+        assert await_end(family[0]) == 2
+        assert NOWHERE in family[0].log_tail()

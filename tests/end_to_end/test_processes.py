@@ -204,9 +204,9 @@ def test_in_real_time_a_frozen_robot_stops_and_goes_on_with_what_is_new() -> Non
     assert all(count.sent == count.received for count in frozen.wire.values())
     assert frozen.trajectory is not None
     assert frozen.trajectory.ticks[-1] > 80
-    steps = np.diff(frozen.trajectory.ticks)
-    assert steps.max() >= 38
     dead_man = round(pace.dead_man_s / scenario.tick_s)
+    # Some senses waited in its socket: which of them it takes first depends on the machine.
+    assert np.diff(frozen.trajectory.ticks).max() > dead_man
     velocities = outcome.simulation.history.velocities[:, 1]
     braked = slice(40 + dead_man + 8, 80)  # and the wheels need a moment to stand still
     assert np.abs(velocities[braked]).max() < 1e-6

@@ -7,8 +7,9 @@ from protocol.pose import FloatArray, Pose2
 from robot.brain import Brain
 from robot.slam.engine import Anchor
 from robot.team.entries import Hello, Link, decode_entry, encode_entry
-from robot.team.joint import JointGraph, LogGraph, solve
+from robot.team.joint import JointGraph, solve
 from robot.team.journal import LogName
+from robot.team.log_graph import LogGraph
 from world.scenario import RobotSpec, Scenario
 from world.simulation import Simulation
 
