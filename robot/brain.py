@@ -95,7 +95,7 @@ class Brain:
         return motion, perceive(sense.ranges, lidar, sense.sightings, body.radius_m)
 
     def _localise(self, sense: Sense, motion: Motion, scan: LaserScan | None) -> None:
-        self._estimate = self._engine.step(sense.tick, motion, scan)
+        self._estimate = self._engine.step(sense.tick, motion, scan, self._is_explored())
         self._team.write(self._engine.take_entries())
         self._ticks.append(sense.tick)
         self._stamps.append(sense.stamp)
@@ -117,9 +117,8 @@ class Brain:
         same places."""
         team = self._team
         team.write(self._places.step(tick, self._jobs, team.graph, team.solution))
-        team.write(
-            self._links.step(tick, self._jobs, team.graph, team.solution, self._engine.submaps)
-        )
+        submaps, explored = self._engine.submaps, self._is_explored()
+        team.write(self._links.step(tick, self._jobs, team.graph, team.solution, submaps, explored))
 
     def _update_maps(self, tick: int) -> None:
         solved = self._team.solve(tick)
@@ -136,6 +135,10 @@ class Brain:
             sense.tick, pose, motion, scan, snapshot, self._teammates(sense.tick, pose)
         )
         return self._decision
+
+    def _is_explored(self) -> bool:
+        """Whether at the last decision nothing was left to explore."""
+        return self._decision is not None and self._decision.explored
 
     def _speak(self, sense: Sense, decision: Decision) -> tuple[RadioFrame, ...]:
         anchor, T_anchor_base = self._anchored()

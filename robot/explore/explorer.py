@@ -31,7 +31,9 @@ NOTABLE_M = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """What the robot does next, and what of it others may want to know."""
+    """What the robot does next, and what of it others may want to know.
+
+    `explored`: it goes on although nothing is left to explore, so nothing new is to be seen."""
 
     drive: DriveCommand
     goal: Pose2 | None
@@ -39,6 +41,7 @@ class Decision:
     activity: str
     finished: bool
     frontier_m: float
+    explored: bool
 
 
 class Explorer:
@@ -87,6 +90,7 @@ class Explorer:
             steering.words or self._activity(),
             self.finished,
             self._frontier_m,
+            not self._explores,
         )
 
     def _leave_footprints(self, tick: int, pose: Pose2, teammates: tuple[Teammate, ...]) -> None:

@@ -14,6 +14,7 @@ import numpy as np
 from protocol.pose import FloatArray, Pose2
 from robot.explore.footprints import SQUARE_M, square_of
 from robot.explore.nearest import nearest_frontier, travel
+from robot.explore.patrol_kernels import roomiest
 from robot.explore.planner import (
     NO_PATH,
     WANTED_CLEARANCE_M,
@@ -68,22 +69,13 @@ class Patrol:
 
 def _places(terrain: Terrain, field: TravelField) -> list[Place]:
     """One place in each square of the plane that the robot can get to, in order of the squares."""
-    rows, columns = np.nonzero(terrain.open & np.isfinite(field.cost))
-    points = terrain.points_of(rows, columns)
-    squares = np.floor(points / SQUARE_M).astype(np.int64)
-    room = np.minimum(terrain.clearance[rows, columns], WANTED_CLEARANCE_M)
-    off_middle = np.hypot(*(points - (squares + 0.5) * SQUARE_M).T)
-    order = np.lexsort((columns, rows, off_middle, -room, squares[:, 1], squares[:, 0]))
-    ahead = squares[order]
-    first = np.ones(len(order), dtype=np.bool_)
-    first[1:] = np.any(ahead[1:] != ahead[:-1], axis=1)
-    return [
-        Place(
-            int(rows[k]), int(columns[k]), float(points[k, 0]), float(points[k, 1]),
-            float(field.cost[rows[k], columns[k]]),
-        )
-        for k in order[first].tolist()
-    ]  # fmt: skip
+    best = roomiest(
+        field.cost, terrain.clearance, terrain.centres, terrain.resolution, terrain.origin_x,
+        terrain.origin_y, terrain.needed, WANTED_CLEARANCE_M, SQUARE_M,
+    )  # fmt: skip
+    rows, columns = np.divmod(best, field.cost.shape[1])
+    found = (rows, columns, *terrain.points_of(rows, columns).T, field.cost[rows, columns])
+    return [Place(*each) for each in zip(*(values.tolist() for values in found), strict=True)]
 
 
 def _idle_m(view: View, places: list[Place]) -> FloatArray:

@@ -150,9 +150,8 @@ def is_cut_off(terrain: Terrain, field: TravelField, lookouts: FloatArray) -> bo
     """
     size = round(CUT_OFF_M / terrain.resolution)
     height, width = terrain.state.shape
-    reached = np.zeros((height // size + 1, width // size + 1), dtype=np.bool_)
-    rows, columns = np.nonzero(np.isfinite(field.cost))
-    reached[rows // size, columns // size] = True
+    by_rows = np.logical_or.reduceat(np.isfinite(field.cost), np.arange(0, height, size), axis=0)
+    reached = np.logical_or.reduceat(by_rows, np.arange(0, width, size), axis=1)
     units = np.floor(terrain.to_units(lookouts)).astype(np.int64)
     units = units[((units >= 0) & (units < (height, width))).all(axis=1)] // size
     return not bool(reached[units[:, 0], units[:, 1]].all())

@@ -83,4 +83,10 @@ class GraphSlamConfig(Model):
     front_end: FrontEndConfig = FrontEndConfig()
     closures: ClosureConfig = ClosureConfig()
     revisits: RevisitConfig = RevisitConfig()
+    explored: RevisitConfig = Field(
+        RevisitConfig(
+            enough_submaps=1, settle_score=0.67, leave_score=0.6, max_tries=8, enough_keyframes=1
+        ),
+        description="likewise, once nothing is left to explore in the building",
+    )
     optimiser_iterations: int = Field(12, ge=1)

@@ -37,8 +37,11 @@ class DeadReckoning:
     def anchors(self) -> FloatArray:
         return self._start.to_array()[None, :]
 
-    def step(self, tick: int, motion: Motion, scan: LaserScan | None) -> Estimate:
+    def step(
+        self, tick: int, motion: Motion, scan: LaserScan | None, explored: bool = False
+    ) -> Estimate:
         """Add a motion: pose and covariance are composed, nothing ever shrinks the latter."""
+        del explored
         self._covariance = carry(self._covariance, motion.T_before_now) + motion.covariance
         self._pose = self._pose @ motion.T_before_now
         self._trajectory.append(0, self._pose)

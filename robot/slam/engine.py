@@ -90,8 +90,13 @@ class Engine(Protocol):
     def anchors(self) -> FloatArray:
         """`T_map_anchor` of every anchor (m×3), as optimised now; not to be written to."""
 
-    def step(self, tick: int, motion: Motion, scan: LaserScan | None) -> Estimate:
-        """Take the motion since the last step, and the scan at its end if there is one."""
+    def step(
+        self, tick: int, motion: Motion, scan: LaserScan | None, explored: bool = False
+    ) -> Estimate:
+        """Take the motion since the last step, and the scan at its end if there is one.
+
+        In a building that is `explored` an engine may map no more than it needs to know where it
+        is."""
 
     def take_entries(self) -> list[Entry]:
         """What is new for the journal since the last call, in an order that can be replayed:

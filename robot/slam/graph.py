@@ -19,7 +19,7 @@ from robot.perception.returns import Returns
 from robot.perception.scan import LaserScan
 from robot.slam.anchor_graph import AnchorGraph, Optimised, optimise_anchors
 from robot.slam.candidates import CandidateFinder
-from robot.slam.config import GraphSlamConfig
+from robot.slam.config import GraphSlamConfig, RevisitConfig
 from robot.slam.engine import Anchor, Closure, Entry, Estimate, GraphSnapshot, Keyframe
 from robot.slam.front_end import FrontEnd, Progress
 from robot.slam.gaussian import carry
@@ -64,6 +64,7 @@ class GraphSlam:
         self._keyframes = 0
         self._last_keyframe: Pose2 | None = None
         self._kept: dict[tuple[int, int, int], int] = {}
+        self._explored = False
         self.loop_closures = 0
         self.refusals: dict[str, int] = {}
         """How often candidates were refused, by reason."""
@@ -72,8 +73,11 @@ class GraphSlam:
     def anchors(self) -> FloatArray:
         return self._graph.nodes
 
-    def step(self, tick: int, motion: Motion, scan: LaserScan | None) -> Estimate:
+    def step(
+        self, tick: int, motion: Motion, scan: LaserScan | None, explored: bool = False
+    ) -> Estimate:
         """Land what was searched, predict by odometry, correct by the scan, look for loops."""
+        self._explored = explored
         for findings in self._jobs.landed(JOB, tick):
             self._land(findings)
         self._front_end.predict(motion)
@@ -151,9 +155,13 @@ class GraphSlam:
 
     # known ground
 
+    @property
+    def _revisits(self) -> RevisitConfig:
+        return self._config.explored if self._explored else self._config.revisits
+
     def _settle_where_known(self, returns: Returns) -> None:
         """Stop mapping where enough submaps have seen the place."""
-        config = self._config.revisits
+        config = self._revisits
         if len(self._front_end.current.keyframes) < config.min_keyframes:
             return
         near = self._candidates.near(self._here(), self._graph.nodes, config.near_m)
@@ -162,9 +170,11 @@ class GraphSlam:
 
     def _stay_on_known_ground(self, progress: Progress) -> None:
         """Go on in another submap when this one shows too little, or map again if none does."""
-        seen = progress.match.score >= self._config.revisits.leave_score
+        seen = progress.match.score >= self._revisits.leave_score
         if seen or self._settle(progress.returns):
             return
+        if self._explored:
+            self._forget_places()
         anchor = self._front_end.depart(progress.returns)
         self._graph.add_anchor(anchor.of, anchor.T_of_anchor, anchor.information)
         # In the journal an anchor follows the one before it; what holds this one is a closure.
@@ -178,7 +188,7 @@ class GraphSlam:
 
     def _settle(self, returns: Returns) -> bool:
         """Go on in the finished submap nearby that explains the scan best, if one does well."""
-        front_end, config = self._front_end, self._config
+        front_end, config, revisits = self._front_end, self._config, self._revisits
         anchor, pose = front_end.current.index, front_end.pose
         query = Query(anchor, pose, front_end.match_covariance, returns)
         candidates = self._candidates.others(
@@ -186,15 +196,16 @@ class GraphSlam:
             self._here(),
             self._graph.nodes,
             config.closures.radius_m,
-            config.revisits.max_tries,
+            revisits.max_tries,
         )
         verdicts = examine(query, candidates, config.closures)
-        known = [v for v in verdicts if v.accepted and v.score >= config.revisits.settle_score]
+        known = [v for v in verdicts if v.accepted and v.score >= revisits.settle_score]
         if not known:
             return False
         best = max(known, key=lambda verdict: verdict.score)
         submap = next(c.submap for c in candidates if c.submap.index == best.of)
-        if self._candidates.may_tie_again(best.of, anchor):
+        enough_tied = self._explored and front_end.current.finished
+        if not enough_tied and self._candidates.may_tie_again(best.of, anchor):
             self._add_closures((Closure(best.of, anchor, best.T_of_to, best.information),))
         for left in front_end.settle(submap, best.T_of_to @ pose):
             self._candidates.add(left)
@@ -226,15 +237,27 @@ class GraphSlam:
 
     def _is_wanted(self, pose: Pose2) -> bool:
         """Whether few keyframes show this place from this side; counts one more if so."""
-        config = self._config.revisits
+        if self._explored and self._front_end.current.finished:
+            return False
+        config = self._revisits
         place = (
             math.floor(pose.x / config.place_m),
             math.floor(pose.y / config.place_m),
             math.floor(pose.theta / config.place_rad),
         )
         kept = self._kept.get(place, 0)
-        self._kept[place] = min(kept + 1, config.enough_keyframes)
+        self._kept[place] = max(kept, min(kept + 1, config.enough_keyframes))
         return kept < config.enough_keyframes
+
+    def _forget_places(self) -> None:
+        """What was kept of the places around here does not show what is there now."""
+        here, config = self._here(), self._revisits
+        self._kept = {
+            place: kept
+            for place, kept in self._kept.items()
+            if math.hypot(place[0] * config.place_m - here.x, place[1] * config.place_m - here.y)
+            > config.near_m
+        }
 
     def _estimate(self) -> Estimate:
         front_end = self._front_end

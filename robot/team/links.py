@@ -5,6 +5,7 @@ be in a submap of ours, to within what both have drifted. The scan is matched th
 like a loop closure of our own; what passes ties the two logs together in the joint solution.
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -29,6 +30,7 @@ EVERY_TICKS = 2
 LANDING_TICKS = 3
 NEAR_M = 4.0  # between a teammate's keyframe and the way that a submap was driven
 TRIES = 2  # keyframes of one anchor that are tried in one submap
+ENOUGH = 1  # links of a submap to one log, once the building is explored
 # A match farther than this from where both maps put it is of another place.
 MAX_SHIFT_M, MAX_TURN_RAD = 0.5, 0.1
 
@@ -54,6 +56,8 @@ class LinkFinder:
         self._config = config
         self._reached: dict[tuple[LogName, int], int] = {}
         """Up to which anchor of a log it was looked for in the submap of that index."""
+        self._found: dict[tuple[LogName, int], int] = {}
+        """Links to a log that the submap of that index has."""
 
     def step(
         self,
@@ -62,17 +66,27 @@ class LinkFinder:
         graph: JointGraph,
         solution: Solution,
         submaps: tuple[PackedSubmap, ...],
+        explored: bool = False,
     ) -> list[Link]:
-        """The links that landed at this tick; starts the next trial when none is under way."""
+        """The links that landed at this tick; starts the next trial when none is under way.
+
+        In a building that is `explored`, submaps that have enough links are left alone."""
         found = [link for links in jobs.landed(JOB, tick) for link in links]
+        for link in found:
+            self._found[link.log, link.of] = self._found.get((link.log, link.of), 0) + 1
         if tick % EVERY_TICKS == 0 and self._own in solution and not jobs.pending(JOB):
-            trials = self._next_trials(graph, solution, submaps)
+            enough = ENOUGH if explored else math.inf
+            trials = self._next_trials(graph, solution, submaps, enough)
             if trials:
                 jobs.start(JOB, tick, LANDING_TICKS, find_links, trials, self._noise, self._config)
         return found
 
     def _next_trials(
-        self, graph: JointGraph, solution: Solution, submaps: tuple[PackedSubmap, ...]
+        self,
+        graph: JointGraph,
+        solution: Solution,
+        submaps: tuple[PackedSubmap, ...],
+        enough: float,
     ) -> tuple[Trial, ...]:
         """The first pair that is near and not examined yet, as up to `TRIES` trials."""
         ours = graph.log(self._own)
@@ -81,6 +95,8 @@ class LinkFinder:
             if name == self._own or log is None or log.hello is None:
                 continue
             for submap in submaps:
+                if self._found.get((name, submap.index), 0) >= enough:
+                    continue
                 if not self._is_waiting(name, log, submap):
                     continue
                 placed = anchor_pose(ours, solution[self._own], submap.index)

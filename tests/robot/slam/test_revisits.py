@@ -64,6 +64,43 @@ def test_keyframes_stop_too(driven: Any, patrol: Any) -> None:
     assert laps[-1] < laps[-2] < laps[-3]
 
 
+@pytest.fixture(scope="module")
+def explored(patrol: Any) -> tuple[GraphSlam, list[list[Any]]]:
+    """The engine, and the entries of each lap, when after two laps nothing is left to explore."""
+    slam, laps = make(patrol), []
+    lap = scans_of_a_lap(patrol)
+    for k in range(5 * lap):
+        slam.step(k, patrol.motions[k], patrol.scans[k], explored=k >= 2 * lap)
+        if k % lap == lap - 1:
+            laps.append(slam.take_entries())
+    return slam, laps
+
+
+def test_laps_of_an_explored_building_add_nothing(explored: Any, patrol: Any) -> None:
+    slam, laps = explored
+    lap = scans_of_a_lap(patrol)
+    assert len(laps[1]) > 50
+    assert len(laps[2]) < 0.2 * len(laps[1])
+    assert not laps[3]
+    assert not laps[4]
+    off = np.hypot(*(slam.trajectory() - patrol.truth[: 5 * lap])[:, :2].T)
+    assert np.sqrt(np.mean(off[-lap:] ** 2)) < 0.015
+
+
+def test_what_has_changed_in_an_explored_building_is_mapped_again(
+    explored: Any, patrol: Any
+) -> None:
+    slam = load_state(dump_state(explored[0]), GraphSlam)
+    first, before = len(slam.trajectory()), len(slam.anchors)
+    for k in range(first, first + 60):
+        ranges = patrol.scans[k].ranges.copy()
+        ranges[:120] = np.minimum(ranges[:120], 0.6)
+        scan = LaserScan(ranges, patrol.scans[k].angles, 12.0)
+        slam.step(k, patrol.motions[k], scan, explored=True)
+    assert len(slam.anchors) > before
+    assert any(isinstance(entry, Keyframe) for entry in slam.take_entries())
+
+
 def test_the_pose_does_not_drift_on_known_ground(driven: Any, patrol: Any) -> None:
     slam, _, _ = driven
     lap = scans_of_a_lap(patrol)
