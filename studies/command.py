@@ -2,7 +2,7 @@
 
 import argparse
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 
@@ -25,6 +25,10 @@ def write_figures(figures: object, path: Path | None) -> None:
 
 def print_figures(figures: Mapping[str, float]) -> None:
     """One figure a line, their values below each other."""
-    width = max(map(len, figures), default=0)
-    for name, value in figures.items():
-        print(f"{name:>{width}}  {value:.10g}")
+    print(aligned([(name, f"{value:.10g}") for name, value in figures.items()]))
+
+
+def aligned(rows: Sequence[tuple[str, str]]) -> str:
+    """Names and values a line each, the values below each other."""
+    width = max((len(name) for name, _ in rows), default=0)
+    return "\n".join(f"{name:>{width}}  {value}" for name, value in rows)

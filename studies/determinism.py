@@ -24,6 +24,7 @@ from station.hashes import run_hashes
 from station.hosts import MODES
 from station.launch import launch
 from station.warm_up import ensure_warm
+from studies.command import study_parser, write_figures
 from studies.namespaces import NetworkError, network, run_on_hosts
 from studies.trials import parse_seeds
 from world.scenario import PaceConfig, RobotSpec, Scenario
@@ -129,16 +130,11 @@ def line(row: dict[str, Any]) -> str:
 
 
 def main(argv: list[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(
-        prog="python -m studies.determinism",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = study_parser("studies.determinism", __doc__)
     parser.add_argument("--maps", default="rooms-small,office", metavar="MAP,…")
     parser.add_argument("--seeds", type=parse_seeds, default=[0, 1, 2], help="e.g. 0-2")
     parser.add_argument("--robots", type=int, default=3)
     parser.add_argument("--seconds", type=float, default=20.0, metavar="S", help="simulated")
-    parser.add_argument("--json", type=Path, metavar="FILE")
     parser.add_argument("--be", nargs=2, help=argparse.SUPPRESS)
     arguments = parser.parse_args(argv)
     rows = []
@@ -158,8 +154,7 @@ def main(argv: list[str] | None = None) -> int:
     except EarshotError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
-    if arguments.json:
-        arguments.json.write_text(json.dumps({"ways": chosen, "cases": rows}, indent=2) + "\n")
+    write_figures({"ways": chosen, "cases": rows}, arguments.json)
     return 0 if all(row["equal"] for row in rows) else 1
 
 

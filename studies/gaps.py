@@ -9,12 +9,9 @@ alone, so that what is counted is its own doing: contacts, and how often it got 
 A robot of 0.40 m need not dare 0.42 m; it must not touch at any width.
 """
 
-import argparse
-import json
 import sys
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -27,6 +24,7 @@ from robot.explore.planner import resample
 from robot.jobs import Jobs
 from robot.perception.odometry import WheelOdometry
 from robot.perception.scan import perceive
+from studies.command import study_parser, write_figures
 from world.scenario import RobotSpec, Scenario
 from world.simulation import Simulation
 
@@ -140,10 +138,8 @@ def gaps(drives: int) -> Iterator[Row]:
 
 
 def main(argv: list[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(prog="python -m studies.gaps", description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter)  # fmt: skip
+    parser = study_parser("studies.gaps", __doc__)
     parser.add_argument("--drives", type=int, default=500, help="in all, over all widths")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the table there")
     arguments = parser.parse_args(argv)
     rows = list(gaps(arguments.drives))
     print("gap m  drives  through  contacts")
@@ -151,9 +147,8 @@ def main(argv: list[str] | None = None) -> int:
         print(f"{row.width_m:5.2f}  {row.drives:6d}  {row.through:7d}  {row.contacts:8d}")
     contacts = sum(row.contacts for row in rows)
     print(f"contacts in all: {contacts}")
-    if arguments.json:
-        table = {"contacts": contacts, "gaps": [asdict(row) for row in rows]}
-        arguments.json.write_text(json.dumps(table, indent=2) + "\n")
+    table = {"contacts": contacts, "gaps": [asdict(row) for row in rows]}
+    write_figures(table, arguments.json)
     return 0
 
 

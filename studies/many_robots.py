@@ -8,11 +8,8 @@ that n processes share as one nth for each, at its greatest), messages between w
 were sent and not received, ticks that went by before they were answered, and the pace kept.
 """
 
-import argparse
-import json
 import sys
 import time
-from pathlib import Path
 from statistics import median
 from typing import Any
 
@@ -22,6 +19,7 @@ from station.launch import launch
 from station.observer import RunOutcome
 from station.report_metrics import messages_lost
 from station.warm_up import ensure_warm
+from studies.command import aligned, study_parser, write_figures
 from world.scenario import PaceConfig, RobotSpec, Scenario
 from world.simulation import Simulation
 
@@ -109,8 +107,7 @@ def table(result: dict[str, Any]) -> str:
         ("messages lost", str(result["messages_lost"])),
         ("ticks missed", f"{result['missed_ticks']} of {_ticks(result)}"),
     ]
-    width = max(len(name) for name, _ in rows)
-    return "\n".join(f"{name:>{width}}  {value}" for name, value in rows)
+    return aligned(rows)
 
 
 def _mb(spread: dict[str, float]) -> str:
@@ -123,17 +120,12 @@ def _ticks(result: dict[str, Any]) -> int:
 
 
 def main(argv: list[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(
-        prog="python -m studies.many_robots",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = study_parser("studies.many_robots", __doc__)
     parser.add_argument("--robots", type=int, default=32)
     parser.add_argument("--factor", type=float, default=0.25, help="simulated per wall second")
     parser.add_argument("--seconds", type=float, default=60.0, metavar="S", help="simulated")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--map", default=OFFICE, help="as in a scenario")
-    parser.add_argument("--json", type=Path, metavar="FILE")
     arguments = parser.parse_args(argv)
     try:
         ensure_warm()
@@ -149,8 +141,7 @@ def main(argv: list[str] | None = None) -> int:
         print(f"error: {error}", file=sys.stderr)
         return 2
     print(table(result))
-    if arguments.json:
-        arguments.json.write_text(json.dumps(result, indent=2) + "\n")
+    write_figures(result, arguments.json)
     return 0
 
 

@@ -35,6 +35,7 @@ from robot.team.journal import LogName, decode_record
 from robot.team.pair_judge import State
 from station.merge import make_graph, merge
 from station.merge_metrics import compare_grids, draw_grid
+from studies.command import study_parser, write_figures
 from world.scenario import GateConfig, RobotSpec, Scenario
 from world.simulation import Simulation
 
@@ -213,18 +214,13 @@ def _framed(record_bytes: bytes) -> bytes:
 
 
 def _arguments(argv: list[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        prog="python -m studies.merging",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = study_parser("studies.merging", __doc__)
     parser.add_argument("--maps", default="office,loop,rooms-small", help="names or YAML files")
     parser.add_argument("--runs", type=int, default=4, help="journals kept of each map")
     parser.add_argument("--seconds", type=float, default=90.0, help="simulated, of each journal")
     parser.add_argument("--trials", type=int, default=40)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, default=Path("runs/merging"), help="kept journals")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write all trials there")
     return parser.parse_args(argv)
 
 
@@ -251,9 +247,8 @@ def main(argv: list[str] | None = None) -> int:
         print(f"error: {error}", file=sys.stderr)
         return 2
     print(table(trials))
-    if arguments.json:
-        rows = [trial.model_dump(mode="json") for trial in trials]
-        arguments.json.write_text(json.dumps(rows, indent=2) + "\n")
+    rows = [trial.model_dump(mode="json") for trial in trials]
+    write_figures(rows, arguments.json)
     return 0
 
 

@@ -8,12 +8,9 @@ over wall time) and the memory of the world. Growth of memory is from the fifth 
 the pace at the end is that of the last tenth of the run, held against the first tenth.
 """
 
-import argparse
-import json
 import sys
 import time
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,6 +21,7 @@ from station.launch import launch
 from station.memory_use import MemorySample, memory_sample
 from station.observer import RunOutcome
 from station.warm_up import ensure_warm
+from studies.command import aligned, study_parser, write_figures
 from world.scenario import PaceConfig, RobotSpec, Scenario
 from world.simulation import Simulation
 
@@ -139,21 +137,15 @@ def table(result: dict[str, Any]) -> str:
             for name, g in result["growth"].items()
         ),
     ]
-    width = max(len(name) for name, _ in rows)
-    return "\n".join(f"{name:>{width}}  {value}" for name, value in rows)
+    return aligned(rows)
 
 
 def main(argv: list[str] | None = None) -> int:
-    parser = argparse.ArgumentParser(
-        prog="python -m studies.soak",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    parser = study_parser("studies.soak", __doc__)
     parser.add_argument("--minutes", type=float, default=20.0, metavar="M", help="simulated")
     parser.add_argument("--robots", type=int, default=4)
     parser.add_argument("--map", default="office")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--json", type=Path, metavar="FILE")
     arguments = parser.parse_args(argv)
     try:
         ensure_warm()
@@ -170,8 +162,7 @@ def main(argv: list[str] | None = None) -> int:
         print(f"error: {error}", file=sys.stderr)
         return 2
     print(table(result))
-    if arguments.json:
-        arguments.json.write_text(json.dumps(result, indent=2) + "\n")
+    write_figures(result, arguments.json)
     return 0
 
 
