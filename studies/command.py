@@ -2,7 +2,10 @@
 
 import argparse
 import json
-from collections.abc import Mapping, Sequence
+import multiprocessing
+import os
+import threading
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 
@@ -32,3 +35,15 @@ def aligned(rows: Sequence[tuple[str, str]]) -> str:
     """Names and values a line each, the values below each other."""
     width = max((len(name) for name, _ in rows), default=0)
     return "\n".join(f"{name:>{width}}  {value}" for name, value in rows)
+
+
+def end_with_parent() -> None:
+    """Have this worker process end when the process that made it does, in whatever way."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        threading.Thread(target=_outlive_nobody, args=(parent.join,), daemon=True).start()
+
+
+def _outlive_nobody(wait: Callable[[], None]) -> None:
+    wait()
+    os._exit(1)

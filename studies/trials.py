@@ -23,7 +23,8 @@ from station.launch import launch
 from station.observer import RunOutcome
 from station.report import write_report
 from station.scenario_file import changed, read_scenario
-from studies.command import study_parser, write_figures
+from studies.command import end_with_parent, study_parser, write_figures
+from world.process import INTERRUPTED
 from world.scenario import Scenario
 
 COLUMNS = (
@@ -47,6 +48,8 @@ COLUMNS = (
 def run_trial(scenario: Scenario, folder: Path) -> dict[str, Any]:
     """Run a scenario inline, write its report, and return its metrics as plain values."""
     outcome: RunOutcome = launch(scenario, "inline")
+    if outcome.exit_reason == INTERRUPTED:
+        raise KeyboardInterrupt  # half a run is none: it is played again
     metrics = write_report(outcome, folder).model_dump()
     errors = [robot["ate_rmse_m"] for robot in metrics["robots"].values()]
     metrics["worst_robot_ate_m"] = max((e for e in errors if e is not None), default=None)
@@ -69,7 +72,7 @@ def trials(
             waiting[seed] = (asked, folder)
     # A fresh interpreter for each worker: nothing of this process decides a trial.
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, mp_context=context) as pool:
+    with ProcessPoolExecutor(workers, context, initializer=end_with_parent) as pool:
         running = [pool.submit(run_trial, *waiting[seed]) for seed in sorted(waiting)]
         try:
             for future in as_completed(running):

@@ -28,7 +28,7 @@ class Verdict(IntEnum):
     CAPACITY = radio_kernels.CAPACITY
     """The directed pair had no room for it in that tick."""
     ABSENT = radio_kernels.ABSENT
-    """The receiver was dead when it was sent or when it arrived."""
+    """The receiver was dead, or frozen for long, when it was sent or when it arrived."""
     FADE = radio_kernels.FADE
     """Within d, but walls or shadowing left too little of it."""
 

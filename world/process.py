@@ -114,7 +114,9 @@ class WorldProcess:
             sense = senses[link.name]
             if pace.holds(link):
                 link.hold(sense.frames)
+                self.simulation.set_listening(link.name, not link.is_full)
                 continue
+            self.simulation.set_listening(link.name, True)
             frames, counted = link.outgoing(sense)
             for frame in frames:
                 self._bus.publish(RADIO_IN, frame, link.name)

@@ -77,7 +77,7 @@ class Radio:
         noise: Noise,
     ) -> None:
         """Judge what the robots at `poses` (n×3) send at this tick. Robots that are not
-        `present` (n) hear nothing."""
+        `present` (n), dead or deaf, hear nothing."""
         heard, senders, recipients, sizes = self._take(frames, tick)
         if not heard:
             return

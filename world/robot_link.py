@@ -6,6 +6,8 @@ from protocol.allowance import Allowance
 from protocol.messages import Action, HeardFrame, RadioFrame, Report, Sense
 from world.report_log import ReportLog
 
+MOST_WAITING_BYTES = 8_000_000
+
 
 class RobotLink:
     """Bookkeeping alone; sending and receiving is the shell's.
@@ -13,6 +15,7 @@ class RobotLink:
     A robot `owes` an answer from the moment a sense is sent to it. In lockstep it gets no second
     one before it answered: the frames of the ticks between wait here, and encoders are
     cumulative, so that a robot that was frozen for a while has missed nothing when it wakes.
+    Frozen for so long that it `is_full`, it should be sent no more.
     What it says beyond its `allowance` is not read, and what answers no sense that it was sent,
     or one that it answered before, counts for nothing.
     """
@@ -34,6 +37,7 @@ class RobotLink:
         self._action: Action | None = None
         self._sent: list[RadioFrame] = []
         self._waiting: list[HeardFrame] = []
+        self._waiting_bytes = 0
 
     @property
     def muted(self) -> bool:
@@ -46,10 +50,17 @@ class RobotLink:
     def hold(self, frames: Sequence[HeardFrame]) -> None:
         """Keep frames for the next sense that is sent."""
         self._waiting.extend(frames)
+        self._waiting_bytes += sum(frame.size_bytes for frame in frames)
+
+    @property
+    def is_full(self) -> bool:
+        """Whether no more frames should be kept for it."""
+        return self._waiting_bytes >= MOST_WAITING_BYTES
 
     def outgoing(self, sense: Sense) -> tuple[list[HeardFrame], Sense]:
         """All frames that are due with a sense, and the sense with their number."""
         frames, self._waiting = [*self._waiting, *sense.frames], []
+        self._waiting_bytes = 0
         self.owes = True
         if len(frames) == sense.frame_count:
             return frames, sense

@@ -66,6 +66,7 @@ class Simulation:
         self._command_ticks = dict.fromkeys(self.names, 0)
         self._finished: dict[str, bool] = dict.fromkeys(self.names, False)
         self._present = np.ones(len(self.names), dtype=bool)
+        self._listening = np.ones(len(self.names), dtype=bool)
         self.history = History(len(self.names))
 
     # -- what there is to see
@@ -184,6 +185,10 @@ class Simulation:
         self._present[self.names.index(name)] = False
         self._commands[name] = STOP
 
+    def set_listening(self, name: str, listens: bool) -> None:
+        """Whether a robot's radio takes in frames; those it does not are booked as absent."""
+        self._listening[self.names.index(name)] = listens
+
     def halt(self, name: str) -> None:
         """Stop a robot's wheels until its next action, as for one that missed its deadline."""
         self._commands[name] = STOP
@@ -204,7 +209,8 @@ class Simulation:
                 self._commands[name] = action.drive
                 self._command_ticks[name] = answered
                 self._finished[name] = action.finished
-        self._radio.send(frames, self.tick, self.poses, self._present, self._noise)
+        hearing = self._present & self._listening
+        self._radio.send(frames, self.tick, self.poses, hearing, self._noise)
 
     def _is_over(self) -> bool:
         """Whether the run ends with the actions of this tick."""
@@ -237,7 +243,7 @@ class Simulation:
         if self._lidars.due(self.tick):
             scans = self._lidars.scan(self.terrain, self.poses, self.tick, self._noise)
         sightings = self._sighters.sight(self.terrain, self.poses, self.tick, self._noise)
-        inboxes = self._radio.receive(self.tick, self._present)
+        inboxes = self._radio.receive(self.tick, self._present & self._listening)
         encoders = self._drives.encoders.tolist()
         # Made of known good parts; validation would cost more than the ray casting.
         return {

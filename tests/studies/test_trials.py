@@ -1,5 +1,10 @@
 """The trial runner keeps what it has done, and says no to what it cannot do."""
 
+import os
+import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -39,3 +44,38 @@ def test_an_unknown_map_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixtur
     code = main(["--map", "nowhere", "--seeds", "0", "--workers", "1", "--out", str(tmp_path)])
     assert code == 2
     assert len(capsys.readouterr().err.strip().splitlines()) == 1
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+def test_a_worker_ends_with_its_parent(tmp_path: Path, number: signal.Signals) -> None:
+    program = tmp_path / "study.py"
+    program.write_text(
+        "import multiprocessing, os, time\n"
+        "from concurrent.futures import ProcessPoolExecutor\n"
+        "from studies.command import end_with_parent\n"
+        "if __name__ == '__main__':\n"
+        "    context = multiprocessing.get_context('spawn')\n"
+        "    with ProcessPoolExecutor(1, context, initializer=end_with_parent) as pool:\n"
+        "        print(pool.submit(os.getpid).result(), flush=True)\n"
+        "        pool.submit(time.sleep, 60.0).result()\n"
+    )
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    with subprocess.Popen(
+        [sys.executable, str(program)], stdout=subprocess.PIPE, env=environment
+    ) as study:
+        assert study.stdout is not None
+        worker = int(study.stdout.readline())
+        study.send_signal(number)
+        study.wait(timeout=20.0)
+    deadline = time.monotonic() + 20.0
+    while _runs(worker):
+        assert time.monotonic() < deadline, "the worker lives on"
+        time.sleep(0.02)
+
+
+def _runs(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    return True

@@ -145,6 +145,22 @@ def test_the_dead_stand_hear_nothing_and_are_not_awaited() -> None:
     assert simulation.exit_reason == ALL_FINISHED
 
 
+def test_a_robot_whose_radio_is_off_hears_nothing_until_it_is_on_again() -> None:
+    simulation = Simulation(scenario())
+    senses = play(simulation, 10)[-1]
+    assert senses["r2"].frames
+    heard = []
+    for listens in (False, False, True, True):
+        simulation.set_listening("r2", listens)
+        senses = simulation.step({name: wander(name, sense) for name, sense in senses.items()})
+        heard.append(bool(senses["r2"].frames))
+    assert heard[:2] == [False, False]
+    assert heard[3]
+    pair = next(row for row in simulation.ledger.table() if row["receiver"] == "r2")
+    assert pair["dropped"]["absent"]["frames"] > 0
+    simulation.ledger.check()
+
+
 def test_a_run_ends_when_all_are_finished_and_all_that_was_sent_is_booked() -> None:
     simulation = Simulation(scenario())
     sent = heard = 0
