@@ -82,15 +82,18 @@ MindMaker = Callable[[RobotConfig, int, Jobs], Mind]
 
 
 class ReportClock:
-    """Says when a report is due: once in each simulated second."""
+    """Says when a report is due: once in each simulated second, and when the robot finishes, for
+    nobody may ask for another one after that."""
 
     def __init__(self) -> None:
         self._last: float | None = None
+        self._finished = False
 
-    def due(self, stamp: float) -> bool:
-        if self._last is not None and stamp < self._last + REPORT_EVERY_S - 1e-6:
+    def due(self, stamp: float, finished: bool) -> bool:
+        recent = self._last is not None and stamp < self._last + REPORT_EVERY_S - 1e-6
+        if recent and finished == self._finished:
             return False
-        self._last = stamp
+        self._last, self._finished = stamp, finished
         return True
 
 
@@ -240,5 +243,5 @@ class RobotProcess:
         for frame in action.frames:
             self._bus.publish(RADIO_OUT, frame, self._name)
         self._bus.publish(ACT, action, self._name)
-        if self._report_clock.due(sense.stamp):
+        if self._report_clock.due(sense.stamp, action.finished):
             self._bus.publish(REPORT, self._mind.report(), self._name)

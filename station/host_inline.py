@@ -30,7 +30,7 @@ def play_inline(simulation: Simulation, observer: Observer, interrupt: Interrupt
             mind = minds[name]
             actions[name] = mind.step(sense)
             mind.take_records()
-            if clocks[name].due(sense.stamp):
+            if clocks[name].due(sense.stamp, actions[name].finished):
                 latest[name] = mind.report()
                 reports[name].append(latest[name])
         if interrupt.requested:

@@ -10,16 +10,19 @@ from station.hashes import run_hashes
 from station.observer import RunOutcome
 from world.last_words import WireCount
 from world.referee import Accuracy, LedgerScore, RadioScore, Referee, RobotScore, WallScore
+from world.report_log import ReportLog
 
 PACKAGES = ("earshot-slam", "numpy", "numba", "scipy", "eclipse-zenoh", "pydantic", "qdldl")
 WORLD = "world"
 
 
 class RobotMetrics(RobotScore):
-    """One robot's score, whether it said that it was done, and what became of it."""
+    """One robot's score, whether it said that it was done, what became of it where that is not
+    the ordinary, and what it last said that it was doing."""
 
     finished: bool
     note: str
+    activity: str
     wire: dict[str, WireCount] | None
     missed_ticks: int
 
@@ -80,6 +83,7 @@ def measure(outcome: RunOutcome) -> Metrics:
                 **robot.model_dump(),
                 finished=name in simulation.finished,
                 note=robots[name].note if name in robots else "no answer",
+                activity=_activity(outcome.reports.get(name)),
                 wire=robots[name].wire if name in robots else None,
                 missed_ticks=robots[name].missed_ticks if name in robots else 0,
             )
@@ -99,6 +103,10 @@ def measure(outcome: RunOutcome) -> Metrics:
             **{name: _version(name) for name in PACKAGES},
         },
     )
+
+
+def _activity(log: ReportLog | None) -> str:
+    return log.latest.activity if log is not None and log.latest is not None else ""
 
 
 def messages_lost(outcome: RunOutcome) -> int | None:

@@ -45,7 +45,7 @@ def metrics_table(metrics: Metrics) -> str:
             percent(robot.coverage_joint),
             f"{robot.driven_m:.1f} m",
             str(robot.collisions),
-            robot.note or ("finished" if robot.finished else ""),
+            robot.note or (robot.activity or "finished" if robot.finished else ""),
         ]
         for name, robot in metrics.robots.items()
     ]
