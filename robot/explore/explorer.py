@@ -60,6 +60,7 @@ class Explorer:
         self._explores = True
         self._reason = "waiting for a first map"
         self._planned_from: Pose2 | None = None
+        self._home: Pose2 | None = None
         self._plan_due = 0
         self._frontier_m = 0.0
         self._refusals = Refusals(config.tick_s)
@@ -76,6 +77,7 @@ class Explorer:
         teammates: tuple[Teammate, ...],
     ) -> Decision:
         """Take what is known at this tick, in the map frame, and decide."""
+        self._home = self._home or pose
         self._leave_footprints(tick, pose, teammates)
         for plan in self._jobs.landed("plan", tick):
             self._take(tick, plan)
@@ -114,6 +116,7 @@ class Explorer:
             self._config.name, tick, grids.snapshot(), pose, self._config.body, teammates,
             self._refusals.places(), self._goal,
             grids.lookouts(), self._footprints.visits(), self._config.tick_s,
+            self._refusals.blocked(), self._home,
         )  # fmt: skip
         self._jobs.start("plan", tick, PLAN_DELAY_TICKS, self._policy.plan, view)
         self._planned_from = pose
@@ -174,7 +177,7 @@ class Explorer:
     def _note(self, tick: int, steering: Steering) -> None:
         if self._goal is not None and (steering.gave_up or self._is_stalled(tick)):
             if self._explores:
-                self._refusals.give_up(self._goal)
+                self._refusals.give_up(self._goal, steering.blocked_at)
             else:
                 self._footprints.mark(tick, self._goal)
             self._stand()

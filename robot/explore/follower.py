@@ -25,6 +25,7 @@ TURN_FIRST_RAD, TURN_DONE_RAD = 1.0, 0.3
 ROLLOUT_S = 1.2
 WANTED_CLEARANCE_M = 0.25
 ARRIVED_M = 0.15
+TIGHT_AHEAD_M = 0.25, 0.8  # where on the path, from where it stopped, is what stopped a robot
 
 
 class Follower:
@@ -114,6 +115,13 @@ class Follower:
         """Where (2, m) the path goes next."""
         point: FloatArray = self._points_at(np.array([self.along_m + MIN_LOOKAHEAD_M]))[0]
         return point
+
+    def tightest(self, pose: Pose2, points: FloatArray) -> tuple[float, float]:
+        """Where (x, y in m) the path ahead comes nearest to the scan (n×2, robot frame)."""
+        way = self._points_at(self.along_m + np.arange(*TIGHT_AHEAD_M, 0.05))
+        gaps = np.hypot(*(pose.inverse().apply(way)[:, None] - points[None]).transpose(2, 0, 1))
+        x, y = way[int(np.argmin(gaps.min(axis=1, initial=NEAR_M)))].tolist()
+        return x, y
 
     def _points_at(self, along: FloatArray) -> FloatArray:
         """Points (n×2, m) of the path at distances (n) along it."""

@@ -38,13 +38,13 @@ class NearestFrontier:
 def travel(view: View, terrain: Terrain, squeeze: bool = False) -> TravelField | None:
     """Travel from the robot's pose, rather round teammates; None if that is off the map."""
     near = tuple(mate.pose for mate in view.teammates if mate.age_ticks <= FRESH_TICKS)
-    return travel_field(terrain, view.pose, near, squeeze=squeeze)
+    return travel_field(terrain, view.pose, near, squeeze=squeeze, blocked=view.blocked)
 
 
 def nearest_frontier(view: View, terrain: Terrain, field: TravelField) -> Plan:
     """The plan of `NearestFrontier`, for a terrain and travel from the robot's pose over it."""
     found = find_frontiers(terrain, field, view.refused, view.lookouts)
-    if not found and is_cut_off(terrain, field, view.lookouts):
+    if not found and is_cut_off(terrain, field, view.home):
         field = travel(view, terrain, squeeze=True) or field
         found = find_frontiers(terrain, field, view.refused, view.lookouts)
     frontiers = [f for f in found if not _looks_at(view.teammates, terrain, f)]

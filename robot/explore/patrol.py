@@ -53,7 +53,7 @@ class Patrol:
         frontier = nearest_frontier(view, terrain, field)
         if frontier.goal is not None:
             return frontier
-        if is_cut_off(terrain, field, view.lookouts):
+        if is_cut_off(terrain, field, view.home):
             field = travel(view, terrain, squeeze=True) or field
         places = _places(terrain, field)
         if not places:

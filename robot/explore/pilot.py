@@ -48,12 +48,14 @@ class GridProvider(Protocol):
 class Steering:
     """A command; `words` say what recovery is doing, empty while the path is followed.
 
-    `wants_plan`: the path is used up. `gave_up`: the goal cannot be reached."""
+    `wants_plan`: the path is used up. `gave_up`: the goal cannot be reached; `blocked_at` (m): the
+    spot on the way that is too tight, if that is why."""
 
     command: DriveCommand
     words: str = ""
     wants_plan: bool = False
     gave_up: bool = False
+    blocked_at: tuple[float, float] | None = None
 
 
 class Pilot:
@@ -71,6 +73,7 @@ class Pilot:
         self._speed = (0.0, 0.0)
         self._points: FloatArray = NO_PATH
         self._crowded_since: int | None = None
+        self._tightest: tuple[float, float] | None = None
 
     @property
     def path(self) -> FloatArray:
@@ -155,8 +158,10 @@ class Pilot:
         if self._recovery.is_over(tick, pose, self._follower.arrived, teammates):
             self._recovery.end()
             self._follower.follow(NO_PATH)
-            gave_up = manoeuvre.kind is Kind.GIVE_UP
-            return Steering(self._follow(pose, mates), wants_plan=True, gave_up=gave_up)
+            command = self._follow(pose, mates)
+            if manoeuvre.kind is not Kind.GIVE_UP:
+                return Steering(command, wants_plan=True)
+            return Steering(command, wants_plan=True, gave_up=True, blocked_at=self._tightest)
         return Steering(self._manoeuvre(pose, manoeuvre, mates), _words(manoeuvre))
 
     def _notice_trouble(
@@ -174,6 +179,7 @@ class Pilot:
             if not self._recovery.is_stuck(tick, pose, going):
                 return
             mate = blocking_teammate(pose, self._follower.ahead(), teammates)
+            self._tightest = self._follower.tightest(pose, self._points) if mate is None else None
             self._recovery.begin(tick, pose, self._points, mate)
             self._follower.follow(NO_PATH)
         if mate is not None and not self._jobs.pending("retreat"):

@@ -15,6 +15,7 @@ from maps.grid import BoolArray, IntArray, OccupancyGrid
 from protocol.config import BodyConfig
 from protocol.pose import FloatArray, Pose2
 from robot.explore.planner_kernels import (
+    OCCUPIED,
     block_clearance,
     bridge_slivers,
     coarsen,
@@ -26,6 +27,7 @@ BLOCK_M = 0.10
 MARGIN_M = 0.03  # beyond the body's radius, between centres of cells: half a cell is lost there
 SQUEEZE_M = 0.05  # a map's walls may be off by a cell
 CUT_OFF_M = 1.0
+BLOCKED_RADIUS_M = 0.2  # closes any gap that is too tight to drive through
 WANTED_CLEARANCE_M = 0.60
 WALL_COST = 4.0
 PATH_STEP_M = 0.10
@@ -118,12 +120,14 @@ def travel_field(
     avoided: tuple[Pose2, ...] = (),
     detour_m: float = 5.0,
     squeeze: bool = False,
+    blocked: FloatArray = NO_PATH,
 ) -> TravelField | None:
     """The cost of travel from a pose to everywhere; None if the pose is off the map.
 
     Blocks within two body radii of an `avoided` pose (a teammate that stands there) cost as
     much as `detour_m` more. With `squeeze`, passages that look too narrow by up to `SQUEEZE_M`
-    are open, at a high price: the follower finds out whether they are.
+    are open, at a high price: the follower finds out whether they are. `blocked` (n×2, m) are
+    spots where it did: nothing goes through them, whatever the map says, unless it starts there.
     """
     block = terrain.block_at(start.x, start.y)
     if block is None:
@@ -135,26 +139,29 @@ def travel_field(
         extra[near] = detour_m / reach
         gaps = np.hypot(*(terrain.points_of(*near) - [pose.x, pose.y]).T) - terrain.needed
         room[near] = np.minimum(room[near], np.maximum(gaps, 0.0))
+    state = terrain.state.copy()
+    for x, y in blocked.tolist():
+        spot = Pose2(x, y, 0.0)
+        if spot.distance_to(start) > BLOCKED_RADIUS_M:
+            closed = disc(terrain, spot, BLOCKED_RADIUS_M)
+            state[closed], room[closed] = OCCUPIED, 0.0
+    clearance = np.where(state == terrain.state, terrain.clearance, 0.0)
     tight = terrain.needed - SQUEEZE_M if squeeze else terrain.needed
     cost, parent = travel_costs(
-        terrain.state, terrain.clearance, extra, tight, terrain.needed, WANTED_CLEARANCE_M,
+        state, clearance, extra, tight, terrain.needed, WANTED_CLEARANCE_M,
         WALL_COST, terrain.resolution, block[0] * terrain.state.shape[1] + block[1],
     )  # fmt: skip
     return TravelField(cost, parent, room)
 
 
-def is_cut_off(terrain: Terrain, field: TravelField, lookouts: FloatArray) -> bool:
-    """Whether a body has been (at `lookouts`, n×2, m) where none gets to from the field's start.
+def is_cut_off(terrain: Terrain, field: TravelField, home: Pose2 | None) -> bool:
+    """Whether there is no way from the field's start to `home`, where the robot came from.
 
     A robot may find that the gap it came in by looks too narrow on the map of now.
     """
-    size = round(CUT_OFF_M / terrain.resolution)
-    height, width = terrain.state.shape
-    by_rows = np.logical_or.reduceat(np.isfinite(field.cost), np.arange(0, height, size), axis=0)
-    reached = np.logical_or.reduceat(by_rows, np.arange(0, width, size), axis=1)
-    units = np.floor(terrain.to_units(lookouts)).astype(np.int64)
-    units = units[((units >= 0) & (units < (height, width))).all(axis=1)] // size
-    return not bool(reached[units[:, 0], units[:, 1]].all())
+    if home is None:
+        return False
+    return not bool(np.isfinite(field.cost[disc(terrain, home, CUT_OFF_M)]).any())
 
 
 def path_to(terrain: Terrain, field: TravelField, row: int, column: int) -> FloatArray:

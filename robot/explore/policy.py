@@ -32,7 +32,9 @@ class View:
 
     `grid` is the joint map. `refused` (n×2) are goals that could not be reached lately, or that
     were reached and showed nothing new. `goal` is where the robot is heading now, if anywhere.
-    `lookouts` (n×2) are where the scans on the map were taken, by whomever.
+    `blocked` (n×2) are spots that look open on the map and that the robot did not get through.
+    `home` is where the robot started. `lookouts` (n×2) are where the scans on the map were taken,
+    by whomever.
     `visits` (n×3) are places (x, y in m) and the tick when one of the team was last seen there.
     """
 
@@ -47,6 +49,8 @@ class View:
     lookouts: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
     visits: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
     tick_s: float = 0.1
+    blocked: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
+    home: Pose2 | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,12 +14,14 @@ NEARER_M = 0.5
 class Refusals:
     """Places seen from already, and goals given up: those that the robot could not reach, turned
     back to again and again, or did not get nearer to for `PATIENCE_S`. The latter are tried
-    once more when nothing else is left."""
+    once more when nothing else is left, and so are the spots where the way to one was blocked:
+    until then, what lies behind such a spot is not tried goal by goal."""
 
     def __init__(self, tick_s: float) -> None:
         self._patience = round(PATIENCE_S / tick_s)
         self.seen: list[Pose2] = []
         self.given_up: list[Pose2] = []
+        self._blocked: list[tuple[float, float]] = []
         self._retried = False
         self._returns: list[tuple[Pose2, int]] = []
         self._goal: Pose2 | None = None
@@ -36,14 +38,21 @@ class Refusals:
         if not any(known.distance_to(place) <= VISITED_M for known in self.seen):
             self.seen.append(place)
 
-    def give_up(self, goal: Pose2) -> None:
+    def blocked(self) -> FloatArray:
+        """Spots (n×2, m) that could not be driven through."""
+        return np.array(self._blocked, dtype=np.float64).reshape(-1, 2)
+
+    def give_up(self, goal: Pose2, blocked_at: tuple[float, float] | None = None) -> None:
+        """`blocked_at` (m): the spot on the way where it went no farther, if it is known."""
         self.given_up.append(goal)
+        if blocked_at is not None:
+            self._blocked.append(blocked_at)
 
     def retry(self) -> bool:
         """Give every goal a second chance, once; False if there is none to give."""
         if not self.given_up or self._retried:
             return False
-        self.given_up, self._returns, self._retried = [], [], True
+        self.given_up, self._blocked, self._returns, self._retried = [], [], [], True
         return True
 
     def returns_too_often(self, before: Pose2 | None, goal: Pose2) -> bool:

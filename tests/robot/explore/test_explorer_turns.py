@@ -73,3 +73,13 @@ def test_what_was_given_up_gets_one_second_chance() -> None:
     refusals.give_up(Pose2(3.0, 0.0, 0.0))
     assert not refusals.retry()
     assert len(refusals.places()) == 2
+
+
+def test_a_spot_that_blocks_the_way_is_remembered_until_the_second_chance() -> None:
+    refusals = Refusals(0.1)
+    refusals.give_up(Pose2(3.0, 0.0, 0.0))
+    assert refusals.blocked().shape == (0, 2)
+    refusals.give_up(Pose2(5.0, 0.0, 0.0), (4.0, 0.5))
+    assert refusals.blocked().tolist() == [[4.0, 0.5]]
+    assert refusals.retry()
+    assert refusals.blocked().shape == (0, 2)

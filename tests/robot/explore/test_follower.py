@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from protocol.config import BodyConfig
-from protocol.pose import FloatArray, Pose2
+from protocol.pose import IDENTITY, FloatArray, Pose2
 from robot.explore.follower import NEAR_M, Follower
 from robot.explore.follower_kernels import best_velocity, steady_points
 from robot.explore.planner import NO_PATH
@@ -203,3 +203,11 @@ def test_boxed_in_it_says_that_nothing_is_safe() -> None:
         obstacles, speeds, turns, 0.5, 0.0, 1.0, 0.0, 0.6, 1.5, 1.0, DT, 0.01, 0.07, 1.2, 0.25
     )
     assert (forward, turn, safe) == (0.0, 0.0, False)
+
+
+def test_the_tightest_spot_ahead_is_where_the_scan_comes_nearest_to_the_path() -> None:
+    follower = Follower(BodyConfig())
+    follower.follow(_line((0.0, 0.0), (3.0, 0.0)))
+    posts = np.array([[0.6, 0.21], [0.6, -0.21], [0.0, 0.1], [1.5, 0.0]])
+    assert follower.tightest(IDENTITY, posts) == pytest.approx((0.6, 0.0))
+    assert follower.tightest(IDENTITY, np.empty((0, 2))) == pytest.approx((0.25, 0.0))

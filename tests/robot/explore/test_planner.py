@@ -157,6 +157,24 @@ def test_a_teammate_in_the_way_is_gone_round_but_does_not_close_the_way(
     assert len(replan(grid, BODY, start, Pose2(6.0, 2.0, 0.0), (in_door,))) > 0
 
 
+def test_nothing_goes_through_a_blocked_spot_but_what_stands_in_it(
+    two_rooms: Callable[[float], OccupancyGrid],
+) -> None:
+    terrain = survey(two_rooms(0.6), BODY)
+    here, there = Pose2(1.5, 1.5, 0.0), Pose2(4.5, 1.5, 0.0)
+    row, column = terrain.block_at(there.x, there.y) or (0, 0)
+    field = travel_field(terrain, here)
+    assert field is not None
+    path = path_to(terrain, field, row, column)
+    door = path[np.argmin(clearance_at(terrain, path))]
+    closed = travel_field(terrain, here, blocked=door[None])
+    assert closed is not None
+    assert not math.isfinite(closed.cost[row, column])
+    within = travel_field(terrain, Pose2(float(door[0]), float(door[1]), 0.0), blocked=door[None])
+    assert within is not None
+    assert math.isfinite(within.cost[row, column])
+
+
 def test_past_a_teammate_no_corner_is_cut_through_a_wall(
     two_rooms: Callable[[float], OccupancyGrid],
 ) -> None:
