@@ -21,6 +21,7 @@ from station.free_port import free_port
 from station.hashes import run_hashes
 from station.hosts import Unwatched
 from station.launch import launch
+from station.memory_use import memory_sample
 from station.observer import RunOutcome
 from world.process import INTERRUPTED
 from world.scenario import PaceConfig, RobotSpec, Scenario
@@ -210,6 +211,33 @@ def test_in_real_time_a_frozen_robot_stops_and_goes_on_with_what_is_new() -> Non
     velocities = outcome.simulation.history.velocities[:, 1]
     braked = slice(40 + dead_man + 8, 80)  # and the wheels need a moment to stand still
     assert np.abs(velocities[braked]).max() < 1e-6
+
+
+@pytest.mark.slow
+def test_a_robot_frozen_for_good_is_lost_and_the_world_keeps_nothing_for_it() -> None:
+    class Freeze(AtTick):
+        def __init__(self) -> None:
+            super().__init__(100, "r2", signal.SIGSTOP)
+            self.rss_mb: dict[int, float] = {}
+
+        def ticked(self, simulation: Simulation, reports: Mapping[str, Report]) -> None:
+            super().ticked(simulation, reports)
+            if simulation.tick in (200, 2800):
+                sample = memory_sample(simulation.stamp, os.getpid())
+                assert sample is not None
+                self.rss_mb[simulation.tick] = sample.rss_mb
+
+    pace = PaceConfig(mode="realtime", factor=20.0)
+    robots = tuple(RobotSpec(name=name, policy="patrol") for name in ("r1", "r2", "r3"))
+    settings = {"max_sim_s": 300.0, "pace": pace, "robots": robots}
+    scenario = LONG.model_copy(update=settings)
+    freeze = Freeze()
+    outcome = launch(scenario, "processes", freeze)
+    assert outcome.simulation.alive == ("r1", "r3")
+    assert "lost" in outcome.robots["r2"].note
+    # The others' history goes on growing, by some hundred bytes a tick.
+    assert freeze.rss_mb[2800] - freeze.rss_mb[200] < 10.0
+    assert robots_of(os.getpid()) == {}
 
 
 def test_an_exception_in_the_world_leaves_nothing_running() -> None:
