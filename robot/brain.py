@@ -28,6 +28,7 @@ from robot.jobs import Jobs
 from robot.mapping.keyframe_map import KeyframeMap, draw_exactly
 from robot.perception.odometry import Motion, WheelOdometry
 from robot.perception.scan import LaserScan, perceive
+from robot.rows import Rows
 from robot.slam.config import GraphSlamConfig
 from robot.slam.engine import Estimate
 from robot.slam.engines import make_engine
@@ -59,8 +60,8 @@ class Brain:
         self._own_map = KeyframeMap(config.lidar)
         self._joint_map = KeyframeMap(config.lidar)
         self._explorer = Explorer(config, self._jobs)
-        self._ticks: list[int] = []
-        self._stamps: list[float] = []
+        self._ticks = Rows(1, np.int64)
+        self._stamps = Rows(1)
         self._online = RelativeTrajectory()
         self._dead_reckoned = RelativeTrajectory()
         self._estimate = Estimate(self._start, np.zeros((3, 3)))
@@ -208,7 +209,7 @@ class Brain:
 
     def report(self) -> Report:
         """What the operator may see."""
-        tick = self._ticks[-1] if self._ticks else 0
+        tick = int(self._ticks.values[-1, 0]) if len(self._ticks) else 0
         decision, team = self._decision, self._team
         goal = decision.goal if decision else None
         return Report(
@@ -263,8 +264,8 @@ class Brain:
         start = (T_group_own @ self._start).to_array()[None, :]
         upper = graph.information[:, [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]
         return TrajectoryReply(
-            ticks=np.array(self._ticks, dtype=np.int64),
-            stamps=np.array(self._stamps),
+            ticks=self._ticks.values[:, 0].copy(),
+            stamps=self._stamps.values[:, 0].copy(),
             online=self._online.poses(T_group_own.to_array()[None, :]),
             final=self._engine.trajectory(anchors),
             dead_reckoned=self._dead_reckoned.poses(start),
@@ -298,9 +299,7 @@ class _MapSnapshot:
     def snapshot(self) -> OccupancyGrid:
         if self._scan is None:
             return self._drawn.map.grid()
-        return self._drawn.map.live(
-            self._pose, self._scan.ranges, self._scan.angles, self._scan.max_range_m
-        )
+        return self._drawn.map.live(self._pose, self._scan)
 
     def lookouts(self) -> FloatArray:
         return self._drawn.lookouts()

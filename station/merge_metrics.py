@@ -10,6 +10,7 @@ from protocol.config import LidarConfig, PoseModel
 from protocol.model import Model
 from protocol.pose import FloatArray, Pose2
 from robot.mapping.occupancy import OccupancyMap
+from robot.perception.scan import LaserScan
 from robot.team.alignment import Alignment
 from robot.team.joint import JointGraph, keyframe_poses
 from robot.team.journal import LogName
@@ -120,14 +121,14 @@ def draw_grid(
     """The occupancy map of a log. As in `earshot slam`, beams without return say nothing where a
     real scanner may have met glass."""
     log = graph.log(name)
-    assert log is not None and log.hello is not None
+    assert log is not None
     drawn = OccupancyMap(RESOLUTION_M, lidar)
     for number, pose in enumerate(keyframe_poses(log, anchors)):
-        ranges = log.keyframes[number].ranges
+        scan = log.scan(number)
         if lidar.noise == "none":
-            ranges = np.where(np.isfinite(ranges), ranges, np.nan)
-        key = (name.robot, name.incarnation, number)
-        drawn.set(key, Pose2.from_array(pose), ranges, log.hello.angles, log.hello.max_range_m)
+            ranges = np.where(scan.hits, scan.ranges, np.nan)
+            scan = LaserScan(ranges, scan.angles, scan.max_range_m)
+        drawn.add(Pose2.from_array(pose), scan)
     return drawn.grid()
 
 

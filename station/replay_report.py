@@ -8,6 +8,7 @@ from maps.grid import OccupancyGrid, write_map
 from protocol.model import Model
 from protocol.pose import IDENTITY, FloatArray
 from robot.mapping.occupancy import OccupancyMap
+from robot.perception.scan import LaserScan
 from robot.slam.engine import GraphSnapshot
 from station.formats import PoseGraph, Trajectory, write_g2o, write_text, write_tum
 from station.memory_use import peak_rss_mb
@@ -129,9 +130,9 @@ def draw_map(replay: Replay) -> OccupancyGrid:
     """The occupancy map of the keyframes. Beams without return say nothing here: a real scanner
     also answers so where glass or a dark wall stands."""
     occupancy = OccupancyMap(RESOLUTION_M, replay.lidar)
-    for index, (pose, scan) in enumerate(replay.keyframes):
+    for pose, scan in replay.keyframes:
         ranges = np.where(np.isfinite(scan.ranges), scan.ranges, np.nan)
-        occupancy.set(("log", 0, index), pose, ranges, scan.angles, scan.max_range_m)
+        occupancy.add(pose, LaserScan(ranges, scan.angles, scan.max_range_m))
     return occupancy.grid()
 
 

@@ -38,8 +38,10 @@ class KeyframeMap:
         """Note where the keyframes belong, for `placed` poses (m×3) of the anchors of logs; those
         of other logs leave the map at once."""
         for name in sorted(set(self._drawn) - set(placed)):
+            log = graph.log(name)
+            assert log is not None
             for index in range(len(self._drawn[name])):
-                self.map.remove((name.robot, name.incarnation, index))
+                self._take_out(name, log, index)
             del self._drawn[name], self._wanted[name]
         for name in sorted(placed):
             log = graph.log(name)
@@ -64,16 +66,16 @@ class KeyframeMap:
             self._draw_one(name, log, index)
 
     def _draw_one(self, name: LogName, log: LogGraph, index: int) -> None:
-        assert log.hello is not None
         pose = self._wanted[name][index]
-        self.map.set(
-            (name.robot, name.incarnation, index),
-            Pose2.from_array(pose),
-            log.keyframes[index].ranges,
-            log.hello.angles,
-            log.hello.max_range_m,
-        )
+        self._take_out(name, log, index)
+        self.map.add(Pose2.from_array(pose), log.scan(index))
         self._drawn[name][index] = pose
+
+    def _take_out(self, name: LogName, log: LogGraph, index: int) -> None:
+        """Off the map with a keyframe, if it is on it."""
+        pose = self._drawn[name][index]
+        if not np.isnan(pose[0]):
+            self.map.remove(Pose2.from_array(pose), log.scan(index))
 
 
 def draw_exactly(graph: JointGraph, placed: Solution, lidar: LidarConfig) -> OccupancyMap:

@@ -78,16 +78,38 @@ class Link:
     evidence: Evidence = ASSUMED
 
 
-Known = Entry | Hello | Link
+@dataclass(frozen=True, slots=True)
+class StoredKeyframe:
+    """A keyframe as journals have it: its scan stays compressed until somebody looks at it.
+
+    Robots hold thousands of them, each scan ten times smaller so; the rest as in Keyframe.
+    """
+
+    index: int
+    tick: int
+    anchor: int
+    T_anchor_keyframe: Pose2
+    covariance: FloatArray
+    beams: int
+    scan: bytes
+
+    @property
+    def ranges(self) -> FloatArray:
+        """As in LaserScan (n)."""
+        return decompress_scan(self.scan)
 
 
-def encode_entry(entry: Known) -> bytes:
+Known = Anchor | StoredKeyframe | Closure | Hello | Link
+"""What comes out of a journal."""
+
+
+def encode_entry(entry: Entry | Hello | Link) -> bytes:
     """The body of an entry."""
     packed: bytes = msgpack.packb(_fields(entry), use_bin_type=True)
     return packed
 
 
-def _fields(entry: Known) -> list[Any]:
+def _fields(entry: Entry | Hello | Link) -> list[Any]:
     if isinstance(entry, Hello):
         start = None if entry.start is None else entry.start.to_array().astype("<f8").tobytes()
         lidar = [entry.beams, entry.angle_min, entry.increment, entry.max_range_m]
@@ -138,11 +160,16 @@ def _decode_anchor(rest: list[Any], _: int) -> Anchor:
     return Anchor(_count(index), _read_pose(pose), _read_matrix(information))
 
 
-def _decode_keyframe(rest: list[Any], index: int) -> Keyframe:
+def _decode_keyframe(rest: list[Any], index: int) -> StoredKeyframe:
     tick, anchor, pose, covariance, scan = rest
-    ranges = decompress_scan(_sized(scan, None))
-    return Keyframe(
-        index, _count(tick), _count(anchor), _read_pose(pose), _read_matrix(covariance), ranges
+    return StoredKeyframe(
+        index,
+        _count(tick),
+        _count(anchor),
+        _read_pose(pose),
+        _read_matrix(covariance),
+        len(decompress_scan(_sized(scan, None))),
+        scan,
     )
 
 

@@ -17,10 +17,9 @@ from robot.jobs import Jobs
 from robot.perception.returns import describe_returns, noise_model
 from robot.perception.scan import LaserScan
 from robot.slam.config import GraphSlamConfig
-from robot.slam.engine import Keyframe
 from robot.slam.loop_closure import Candidate, Query, Verdict, examine
 from robot.slam.packed_submap import PackedSubmap
-from robot.team.entries import Link
+from robot.team.entries import Link, StoredKeyframe
 from robot.team.joint import JointGraph, Solution, anchor_pose
 from robot.team.journal import LogName
 from robot.team.log_graph import LogGraph
@@ -40,7 +39,7 @@ class Trial:
     """A teammate's keyframe to be found in a submap, and where it should be there."""
 
     log: LogName
-    keyframe: Keyframe
+    keyframe: StoredKeyframe
     angles: FloatArray
     max_range_m: float
     submap: PackedSubmap
@@ -134,13 +133,13 @@ class LinkFinder:
             yield anchor
 
 
-def _keyframes_of(log: LogGraph, anchor: int) -> list[Keyframe]:
+def _keyframes_of(log: LogGraph, anchor: int) -> list[StoredKeyframe]:
     return [log.keyframes[n] for n in np.flatnonzero(log.views.values[:, 0] == anchor)]
 
 
 def _near(
-    submap: PackedSubmap, T_submap_anchor: Pose2, keyframes: list[Keyframe]
-) -> list[Keyframe]:
+    submap: PackedSubmap, T_submap_anchor: Pose2, keyframes: list[StoredKeyframe]
+) -> list[StoredKeyframe]:
     """Up to `TRIES` of the keyframes near the way of the submap, spread over them."""
     if not keyframes:
         return []

@@ -63,8 +63,7 @@ class _Shared:
     def snapshot(self) -> OccupancyGrid:
         if self.scan is None:
             return self.shared.grid()
-        scan = self.scan
-        return self.shared.live(self.pose, scan.ranges, scan.angles, scan.max_range_m)
+        return self.shared.live(self.pose, self.scan)
 
     def lookouts(self) -> FloatArray:
         return np.empty((0, 2))
@@ -103,9 +102,9 @@ class Team:
         self.drawn_at: list[Pose2 | None] = [None] * len(configs)
         self.checkpoint_at = checkpoint_at
         angles = beam_angles(lidar)
-        for k, (x, y) in enumerate(known_from):
+        for x, y in known_from:
             ranges = self.simulation.terrain.cast(x, y, angles, lidar.max_range_m)
-            self.shared.set(("before", 0, k), Pose2(x, y, 0.0), ranges, angles, lidar.max_range_m)
+            self.shared.add(Pose2(x, y, 0.0), LaserScan(ranges, angles, lidar.max_range_m))
 
     def run(self) -> Walk:
         simulation = self.simulation
@@ -140,8 +139,7 @@ class Team:
         before = self.drawn_at[i]
         turned = 0.0 if before is None else math.remainder(here.theta - before.theta, math.tau)
         if before is None or before.distance_to(here) > 0.15 or abs(turned) > 0.15:
-            key = (self.names[i], 0, sense.tick)
-            self.shared.set(key, here, scan.ranges, scan.angles, scan.max_range_m)
+            self.shared.add(here, scan)
             self.drawn_at[i] = here
         return scan
 

@@ -13,7 +13,7 @@ from robot.perception.returns import noise_model
 from robot.perception.scan import perceive
 from robot.slam.engine import Anchor, Keyframe
 from robot.team.alignment import Alignment, align
-from robot.team.entries import Hello, Known, Link
+from robot.team.entries import Hello, Known, Link, decode_entry, encode_entry
 from robot.team.evidence import Evidence, Kind
 from robot.team.hypothesis import solve_alone
 from robot.team.joint import JointGraph, solve
@@ -79,7 +79,8 @@ def recorded() -> Recorded:
             ranges = perceive(seen, lidar).ranges
             tick += 1
             T_anchor = way[k - k % EVERY].inverse() @ pose
-            logs[name].append(Keyframe(k, k, k // EVERY, T_anchor, np.eye(3) * 1e-5, ranges))
+            keyframe = Keyframe(k, k, k // EVERY, T_anchor, np.eye(3) * 1e-5, ranges)
+            logs[name].append(decode_entry(encode_entry(keyframe), k))
     return Recorded(logs, ways[ONE][0].inverse() @ ways[TWO][0])
 
 
