@@ -1,12 +1,24 @@
 """What the commands of all studies share: their options, and how they tell their figures."""
 
 import argparse
+import functools
 import json
 import multiprocessing
 import os
+import sys
 import threading
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
+from typing import Protocol
+
+from protocol.errors import EarshotError
+
+
+class Main(Protocol):
+    """A command line's entry: arguments, or those of the process, to its exit code."""
+
+    def __call__(self, argv: list[str] | None = None) -> int: ...
 
 
 def study_parser(module: str, about: str | None) -> argparse.ArgumentParser:
@@ -18,6 +30,23 @@ def study_parser(module: str, about: str | None) -> argparse.ArgumentParser:
     )
     parser.add_argument("--json", type=Path, metavar="FILE", help="write all figures there")
     return parser
+
+
+def one_line_errors(main: Main) -> Main:
+    """Have a study's `main` say in one line what was wrong, and end with 2; with 130 on Ctrl-C."""
+
+    @functools.wraps(main)
+    def guarded(argv: list[str] | None = None) -> int:
+        try:
+            return main(argv)
+        except (EarshotError, BrokenProcessPool) as error:
+            print(f"error: {error}", file=sys.stderr)
+            return 2
+        except KeyboardInterrupt:
+            print("interrupted", file=sys.stderr)
+            return 130
+
+    return guarded
 
 
 def write_figures(figures: object, path: Path | None) -> None:

@@ -16,9 +16,8 @@ import numpy as np
 
 from maps.building import BuildingConfig
 from maps.generator import make_building
-from protocol.errors import EarshotError
 from protocol.messages import Action, DriveCommand, Sense
-from studies.command import print_figures, study_parser, write_figures
+from studies.command import one_line_errors, print_figures, study_parser, write_figures
 from world.scenario import RobotSpec, Scenario
 from world.simulation import Simulation
 
@@ -79,17 +78,14 @@ def wander(sense: Sense) -> Action:
     return Action(tick=sense.tick, drive=command)
 
 
+@one_line_errors
 def main(argv: list[str] | None = None) -> int:
     parser = study_parser("studies.crowd", __doc__)
     parser.add_argument("--robots", type=int, default=1000)
     parser.add_argument("--ticks", type=int, default=200)
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args(argv)
-    try:
-        result = measure(arguments.robots, arguments.ticks, arguments.seed)
-    except EarshotError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
+    result = measure(arguments.robots, arguments.ticks, arguments.seed)
     print_figures(result)
     write_figures(result, arguments.json)
     return 0

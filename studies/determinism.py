@@ -24,7 +24,7 @@ from station.hashes import run_hashes
 from station.hosts import MODES
 from station.launch import launch
 from station.warm_up import ensure_warm
-from studies.command import study_parser, write_figures
+from studies.command import one_line_errors, study_parser, write_figures
 from studies.namespaces import NetworkError, network, run_on_hosts
 from studies.trials import parse_seeds
 from world.scenario import PaceConfig, RobotSpec, Scenario
@@ -129,6 +129,7 @@ def line(row: dict[str, Any]) -> str:
     return f"{row['map']:>14} {row['seed']:>3}  {row['runs']} runs {verdict}  {', '.join(words)}"
 
 
+@one_line_errors
 def main(argv: list[str] | None = None) -> int:
     parser = study_parser("studies.determinism", __doc__)
     parser.add_argument("--maps", default="rooms-small,office", metavar="MAP,…")
@@ -138,22 +139,18 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--be", nargs=2, help=argparse.SUPPRESS)
     arguments = parser.parse_args(argv)
     rows = []
-    try:
-        if arguments.be:
-            way, scenario = arguments.be
-            outcome = launch(Scenario.model_validate_json(scenario), way)
-            print(json.dumps(run_hashes(outcome)))
-            return 0
-        ensure_warm()
-        chosen = ways()
-        for name in arguments.maps.split(","):
-            for seed in arguments.seeds:
-                scenario = scenario_of(name, seed, arguments.robots, arguments.seconds)
-                rows.append(case(scenario, chosen, HASH_SEEDS))
-                print(line(rows[-1]), flush=True)
-    except EarshotError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
+    if arguments.be:
+        way, scenario = arguments.be
+        outcome = launch(Scenario.model_validate_json(scenario), way)
+        print(json.dumps(run_hashes(outcome)))
+        return 0
+    ensure_warm()
+    chosen = ways()
+    for name in arguments.maps.split(","):
+        for seed in arguments.seeds:
+            scenario = scenario_of(name, seed, arguments.robots, arguments.seconds)
+            rows.append(case(scenario, chosen, HASH_SEEDS))
+            print(line(rows[-1]), flush=True)
     write_figures({"ways": chosen, "cases": rows}, arguments.json)
     return 0 if all(row["equal"] for row in rows) else 1
 

@@ -21,7 +21,6 @@ from pathlib import Path
 from protocol.bus import Bus, open_bus
 from protocol.bus_config import BusConfig, loopback_endpoint
 from protocol.config import RobotConfig
-from protocol.errors import EarshotError
 from protocol.interrupt import Interrupt, interrupts
 from protocol.keys import key_path, make_keys
 from protocol.messages import Action, MapReply, RadioFrame, Report, Sense, TrajectoryReply
@@ -33,7 +32,7 @@ from station.child import Spawned, children
 from station.free_port import free_port
 from station.hosts import Timed, Unwatched
 from station.warm_up import ensure_warm
-from studies.command import print_figures, study_parser, write_figures
+from studies.command import one_line_errors, print_figures, study_parser, write_figures
 from world.process import WorldProcess
 from world.scenario import PaceConfig, RobotSpec, Scenario
 from world.simulation import Simulation
@@ -173,6 +172,7 @@ def measure(rounds: int, wire_s: float, team_s: float) -> dict[str, float]:
     return result
 
 
+@one_line_errors
 def main(argv: list[str] | None = None) -> int:
     parser = study_parser("studies.flood", __doc__)
     parser.add_argument("--rounds", type=int, default=3)
@@ -184,17 +184,11 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--pour", type=float, default=0.0, help=argparse.SUPPRESS)
     parser.add_argument("--aside", action="store_true", help=argparse.SUPPRESS)
     arguments = parser.parse_args(argv)
-    try:
-        if arguments.be:
-            be_parrot(
-                arguments.be, arguments.connect, arguments.keys, arguments.pour, arguments.aside
-            )
-            return 0
-        ensure_warm()
-        result = measure(arguments.rounds, arguments.wire_s, arguments.team_s)
-    except EarshotError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
+    if arguments.be:
+        be_parrot(arguments.be, arguments.connect, arguments.keys, arguments.pour, arguments.aside)
+        return 0
+    ensure_warm()
+    result = measure(arguments.rounds, arguments.wire_s, arguments.team_s)
     print_figures(result)
     write_figures(result, arguments.json)
     return 0

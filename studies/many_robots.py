@@ -13,13 +13,12 @@ import time
 from statistics import median
 from typing import Any
 
-from protocol.errors import EarshotError
 from station.hosts import Unwatched
 from station.launch import launch
 from station.observer import RunOutcome
 from station.report_metrics import messages_lost
 from station.warm_up import ensure_warm
-from studies.command import aligned, study_parser, write_figures
+from studies.command import aligned, one_line_errors, study_parser, write_figures
 from world.scenario import PaceConfig, RobotSpec, Scenario
 from world.simulation import Simulation
 
@@ -119,6 +118,7 @@ def _ticks(result: dict[str, Any]) -> int:
     return sent
 
 
+@one_line_errors
 def main(argv: list[str] | None = None) -> int:
     parser = study_parser("studies.many_robots", __doc__)
     parser.add_argument("--robots", type=int, default=32)
@@ -127,19 +127,15 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--map", default=OFFICE, help="as in a scenario")
     arguments = parser.parse_args(argv)
-    try:
-        ensure_warm()
-        scenario = Scenario(
-            map=arguments.map,
-            seed=arguments.seed,
-            robots=tuple(RobotSpec(name=f"r{n + 1}") for n in range(arguments.robots)),
-            max_sim_s=arguments.seconds,
-            pace=PaceConfig(mode="realtime", factor=arguments.factor, roster_s=ROSTER_S),
-        )
-        result = measure(scenario)
-    except EarshotError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
+    ensure_warm()
+    scenario = Scenario(
+        map=arguments.map,
+        seed=arguments.seed,
+        robots=tuple(RobotSpec(name=f"r{n + 1}") for n in range(arguments.robots)),
+        max_sim_s=arguments.seconds,
+        pace=PaceConfig(mode="realtime", factor=arguments.factor, roster_s=ROSTER_S),
+    )
+    result = measure(scenario)
     print(table(result))
     write_figures(result, arguments.json)
     return 0

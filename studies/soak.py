@@ -15,13 +15,12 @@ from typing import Any
 
 import numpy as np
 
-from protocol.errors import EarshotError
 from station.hosts import Unwatched
 from station.launch import launch
 from station.memory_use import MemorySample, memory_sample
 from station.observer import RunOutcome
 from station.warm_up import ensure_warm
-from studies.command import aligned, study_parser, write_figures
+from studies.command import aligned, one_line_errors, study_parser, write_figures
 from world.scenario import PaceConfig, RobotSpec, Scenario
 from world.simulation import Simulation
 
@@ -140,6 +139,7 @@ def table(result: dict[str, Any]) -> str:
     return aligned(rows)
 
 
+@one_line_errors
 def main(argv: list[str] | None = None) -> int:
     parser = study_parser("studies.soak", __doc__)
     parser.add_argument("--minutes", type=float, default=20.0, metavar="M", help="simulated")
@@ -147,20 +147,16 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--map", default="office")
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args(argv)
-    try:
-        ensure_warm()
-        names = [f"r{n + 1}" for n in range(arguments.robots)]
-        scenario = Scenario(
-            map=arguments.map,
-            seed=arguments.seed,
-            robots=tuple(RobotSpec(name=name, policy="patrol") for name in names),
-            max_sim_s=60.0 * arguments.minutes,
-            pace=PaceConfig(deadline_s=60.0),
-        )
-        result = measure(scenario)
-    except EarshotError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
+    ensure_warm()
+    names = [f"r{n + 1}" for n in range(arguments.robots)]
+    scenario = Scenario(
+        map=arguments.map,
+        seed=arguments.seed,
+        robots=tuple(RobotSpec(name=name, policy="patrol") for name in names),
+        max_sim_s=60.0 * arguments.minutes,
+        pace=PaceConfig(deadline_s=60.0),
+    )
+    result = measure(scenario)
     print(table(result))
     write_figures(result, arguments.json)
     return 0

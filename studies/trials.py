@@ -13,7 +13,6 @@ import multiprocessing
 import sys
 from collections.abc import Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
 from pathlib import Path
 from statistics import mean
 from typing import Any
@@ -23,7 +22,7 @@ from station.launch import launch
 from station.observer import RunOutcome
 from station.report import write_report
 from station.scenario_file import changed, read_scenario
-from studies.command import end_with_parent, study_parser, write_figures
+from studies.command import end_with_parent, one_line_errors, study_parser, write_figures
 from world.process import INTERRUPTED
 from world.scenario import Scenario
 
@@ -122,13 +121,15 @@ def _cell(value: Any, form: str) -> str:
 
 
 def parse_seeds(text: str) -> list[int]:
-    """`0-9`, `3`, or `0-4,7`. Raises ValueError on anything else."""
+    """`0-9`, `3`, or `0-4,7`. Raises ArgumentTypeError on anything else."""
     seeds: list[int] = []
     for part in text.split(","):
         first, dash, last = part.partition("-")
+        if not first.isdecimal() or (dash and not last.isdecimal()):
+            raise argparse.ArgumentTypeError(f"{text!r} is not like 0-9, 3 or 0-4,7")
         seeds += range(int(first), int(last if dash else first) + 1)
-    if not seeds or min(seeds) < 0:
-        raise ValueError("no seeds")
+    if not seeds:
+        raise argparse.ArgumentTypeError(f"{text!r} counts backwards")
     return seeds
 
 
@@ -156,23 +157,20 @@ def _scenario(arguments: argparse.Namespace) -> Scenario:
     )
 
 
+@one_line_errors
 def main(argv: list[str] | None = None) -> int:
     arguments = _arguments(argv)
-    try:
-        scenario = _scenario(arguments)
-        out = arguments.out or Path("runs") / f"trials-{Path(scenario.map).stem}"
-        out.mkdir(parents=True, exist_ok=True)
-        rows = []
-        for row in trials(scenario, arguments.seeds, out, arguments.workers):
-            rows.append(row)
-            print(
-                f"[{len(rows)}/{len(arguments.seeds)}] seed {row['seed']}: {row['exit_reason']} "
-                f"after {row['sim_s']:.0f} s, coverage {_cell(row['coverage'], '{:.4f}')}",
-                flush=True,
-            )
-    except (EarshotError, ValueError, BrokenProcessPool) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
+    scenario = _scenario(arguments)
+    out = arguments.out or Path("runs") / f"trials-{Path(scenario.map).stem}"
+    out.mkdir(parents=True, exist_ok=True)
+    rows = []
+    for row in trials(scenario, arguments.seeds, out, arguments.workers):
+        rows.append(row)
+        print(
+            f"[{len(rows)}/{len(arguments.seeds)}] seed {row['seed']}: {row['exit_reason']} "
+            f"after {row['sim_s']:.0f} s, coverage {_cell(row['coverage'], '{:.4f}')}",
+            flush=True,
+        )
     print(table(rows))
     write_figures(rows, arguments.json)
     print(f"reports: {out}")

@@ -1,5 +1,6 @@
 """The trial runner keeps what it has done, and says no to what it cannot do."""
 
+import argparse
 import os
 import signal
 import subprocess
@@ -18,7 +19,7 @@ SHORT = Scenario(map="rooms-small", max_sim_s=2.0, robots=(RobotSpec(name="r1"),
 def test_seeds_are_ranges_and_lists() -> None:
     assert parse_seeds("0-3,7") == [0, 1, 2, 3, 7]
     for nonsense in ("", "a", "3-", "-1", "4-2"):
-        with pytest.raises(ValueError):
+        with pytest.raises(argparse.ArgumentTypeError):
             parse_seeds(nonsense)
 
 
