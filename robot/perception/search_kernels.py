@@ -51,7 +51,7 @@ def build_pyramid(cells, levels):
 
 
 @inlined
-def _bound(pyramid, level, cells, angle, row, column):
+def bound_of(pyramid, level, cells, angle, row, column):
     """Sum over the points of the maxima of a block of offsets that starts at (row, column)."""
     rows = pyramid.shape[1]
     columns = pyramid.shape[2]
@@ -90,7 +90,7 @@ def branch_and_bound(
     for angle in range(cells.shape[0]):
         for row in range(-half_rows, half_rows + 1, size):
             for column in range(-half_columns, half_columns + 1, size):
-                total = _bound(pyramid, top, cells, angle, row, column)
+                total = bound_of(pyramid, top, cells, angle, row, column)
                 if total > floor:
                     heap.append((-total, top, angle, row, column))
     heapq.heapify(heap)
@@ -127,7 +127,7 @@ def branch_and_bound(
                 c = column + j * half
                 if r > half_rows or c > half_columns:
                     continue
-                total = _bound(pyramid, level - 1, cells, angle, r, c)
+                total = bound_of(pyramid, level - 1, cells, angle, r, c)
                 if total > floor:
                     heapq.heappush(heap, (-total, level - 1, angle, r, c))
     return best, second, nodes
