@@ -14,56 +14,76 @@ MIN_GAIN = 3e-6
 
 
 @inlined
-def _accumulate(field, origin, resolution, pose, returns, count, sigma_floor, H, g):
-    """Σ w M over all returns; H and g take the normal equations in the tangent space at the pose.
+def _prepare(returns, count, resolution, sigma_floor, points):
+    """What stays the same from step to step (n×6): x and y in nodes, normal, weight, lever of a
+    turn about the robot (m); the weight of all returns if nothing but noise displaced them."""
+    full = 0.0
+    for k in range(count):
+        x, y, nx, ny = returns[k, 0], returns[k, 1], returns[k, 2], returns[k, 3]
+        variance = returns[k, 5] * returns[k, 5]
+        weight = returns[k, 4] * sigma_floor * sigma_floor / (sigma_floor * sigma_floor + variance)
+        full += weight * expected(returns[k, 5], sigma_floor)
+        points[k, 0] = x / resolution
+        points[k, 1] = y / resolution
+        points[k, 2] = nx
+        points[k, 3] = ny
+        points[k, 4] = weight
+        points[k, 5] = ny * x - nx * y
+    return full
+
+
+@inlined
+def _accumulate(field, origin, resolution, pose, points, sigma_floor, H, g):
+    """Σ w M over all points; H and g take the normal equations in the tangent space at the pose.
 
     Iteratively reweighted least squares for Welsch's loss 1 − M: each return counts with weight M
     and residual −σ² ∇M / M, along its surface normal where it has one.
     """
     c = math.cos(pose[2])
     s = math.sin(pose[2])
+    u0 = (pose[0] - origin[0]) / resolution
+    v0 = (pose[1] - origin[1]) / resolution
+    slope = 1.0 / resolution
     precision = 1.0 / (sigma_floor * sigma_floor)
-    H[:, :] = 0.0
-    g[:] = 0.0
-    total = 0.0
-    for k in range(count):
-        x, y = returns[k, 0], returns[k, 1]
-        u = (pose[0] + c * x - s * y - origin[0]) / resolution
-        v = (pose[1] + s * x + c * y - origin[1]) / resolution
-        value, du, dv = look_up(field, u, v)
+    total = g0 = g1 = g2 = 0.0
+    h00 = h01 = h11 = h02 = h12 = h22 = 0.0
+    for k in range(points.shape[0]):
+        x, y, nx, ny, w = points[k, 0], points[k, 1], points[k, 2], points[k, 3], points[k, 4]
+        value, du, dv = look_up(field, u0 + c * x - s * y, v0 + s * x + c * y)
         if value <= 0.0:
             continue
-        share = sigma_floor * sigma_floor / (sigma_floor * sigma_floor + returns[k, 5] ** 2)
-        w = returns[k, 4] * share
         total += w * value
-        gx = (c * du + s * dv) / resolution
-        gy = (-s * du + c * dv) / resolution
-        nx, ny = returns[k, 2], returns[k, 3]
+        gx = w * slope * (c * du + s * dv)
+        gy = w * slope * (c * dv - s * du)
         curvature = w * value * precision
         if nx != 0.0 or ny != 0.0:
-            along = w * (gx * nx + gy * ny)
-            lever = ny * x - nx * y
-            g[0] += along * nx
-            g[1] += along * ny
-            g[2] += along * lever
-            H[0, 0] += curvature * nx * nx
-            H[0, 1] += curvature * nx * ny
-            H[1, 1] += curvature * ny * ny
-            H[0, 2] += curvature * nx * lever
-            H[1, 2] += curvature * ny * lever
-            H[2, 2] += curvature * lever * lever
+            along = gx * nx + gy * ny
+            lever = points[k, 5]
+            g0 += along * nx
+            g1 += along * ny
+            g2 += along * lever
+            h00 += curvature * nx * nx
+            h01 += curvature * nx * ny
+            h11 += curvature * ny * ny
+            h02 += curvature * nx * lever
+            h12 += curvature * ny * lever
+            h22 += curvature * lever * lever
         else:
-            g[0] += w * gx
-            g[1] += w * gy
-            g[2] += w * (gy * x - gx * y)
-            H[0, 0] += curvature
-            H[1, 1] += curvature
-            H[0, 2] -= curvature * y
-            H[1, 2] += curvature * x
-            H[2, 2] += curvature * (x * x + y * y)
-    H[1, 0] = H[0, 1]
-    H[2, 0] = H[0, 2]
-    H[2, 1] = H[1, 2]
+            x *= resolution
+            y *= resolution
+            g0 += gx
+            g1 += gy
+            g2 += gy * x - gx * y
+            h00 += curvature
+            h11 += curvature
+            h02 -= curvature * y
+            h12 += curvature * x
+            h22 += curvature * (x * x + y * y)
+    g[0], g[1], g[2] = g0, g1, g2
+    H[0, 0], H[1, 1], H[2, 2] = h00, h11, h22
+    H[0, 1] = H[1, 0] = h01
+    H[0, 2] = H[2, 0] = h02
+    H[1, 2] = H[2, 1] = h12
     return total
 
 
@@ -154,17 +174,15 @@ def match_returns(
     candidate = pose.copy()
     best = pose.copy()
     best_value = -1e300
-    full_weight = 0.0
-    for k in range(count):
-        share = sigma_floor * sigma_floor / (sigma_floor * sigma_floor + returns[k, 5] ** 2)
-        full_weight += returns[k, 4] * share * expected(returns[k, 5], sigma_floor)
+    points = np.empty((count, 6))
+    full_weight = _prepare(returns, count, resolution, sigma_floor, points)
     best_total = 0.0
     converged = False
     iterations = 0
     halvings = 0
     while iterations < max_iterations:
         iterations += 1
-        total = _accumulate(field, origin, resolution, candidate, returns, count, sigma_floor, H, g)
+        total = _accumulate(field, origin, resolution, candidate, points, sigma_floor, H, g)
         _prior_offset(prior, candidate, offset)
         value = trust * total
         for i in range(3):

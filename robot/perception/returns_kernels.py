@@ -57,9 +57,11 @@ def describe_returns(
         nx, ny, near, shift[k] = _normal(out, links, count, k, radius)
         used = near
         if near < 3.0 and count > 2:
-            before = (k - 1) % count
-            after = (k + 1) % count
-            if (beam[k] - beam[before]) % n <= 2 and (beam[after] - beam[k]) % n <= 2:
+            before = _wrapped(k - 1, count)
+            after = _wrapped(k + 1, count)
+            gap_before = _wrapped(beam[k] - beam[before], n)
+            gap_after = _wrapped(beam[after] - beam[k], n)
+            if gap_before <= 2 and gap_after <= 2:
                 nx, ny = _grazing_normal(out, before, k, after)
                 used = 1.0
         out[k, 2] = nx
@@ -82,6 +84,14 @@ def describe_returns(
 
 
 @inlined
+def _wrapped(k, count):
+    """k of a ring of `count`, for k at most one round off: a remainder takes ten times as long."""
+    if k >= count:
+        return k - count
+    return k + count if k < 0 else k
+
+
+@inlined
 def _normal(out, links, count, k, radius):
     """Direction across the line through the linked neighbours of return k, (0, 0) for none; how
     many they are, itself among them; and how far the line passes from the return."""
@@ -93,16 +103,17 @@ def _normal(out, links, count, k, radius):
     syy = 0.0
     x0 = out[k, 0]
     y0 = out[k, 1]
+    reach2 = radius * radius
     for direction in (1, -1):
         j = k
         for _ in range(count - 1):
-            step_from = j if direction == 1 else (j - 1) % count
-            if links[step_from] == 0:
+            following = _wrapped(j + direction, count)
+            if links[j if direction == 1 else following] == 0:
                 break
-            j = (j + direction) % count
+            j = following
             dx = out[j, 0] - x0
             dy = out[j, 1] - y0
-            if dx * dx + dy * dy > radius * radius:
+            if dx * dx + dy * dy > reach2:
                 break
             m += 1.0
             sx += dx
@@ -116,14 +127,18 @@ def _normal(out, links, count, k, radius):
     sxy -= sx * sy / m
     syy -= sy * sy / m
     half_trace = 0.5 * (sxx + syy)
-    root = math.sqrt(max(0.25 * (sxx - syy) ** 2 + sxy * sxy, 0.0))
-    large = half_trace + root
-    small = half_trace - root
-    if small > 0.08 * large:
+    half_difference = 0.5 * (sxx - syy)
+    root = math.sqrt(half_difference * half_difference + sxy * sxy)
+    if half_trace - root > 0.08 * (half_trace + root):
         return 0.0, 0.0, m, 0.0
-    along = 0.5 * math.atan2(2.0 * sxy, sxx - syy)
-    nx = -math.sin(along)
-    ny = math.cos(along)
+    # The eigenvector of the small eigenvalue, from the row of the matrix that does not cancel.
+    nx = -sxy if half_difference > 0.0 else root - half_difference
+    ny = root + half_difference if half_difference > 0.0 else -sxy
+    length = math.sqrt(nx * nx + ny * ny)
+    if length == 0.0:
+        return 0.0, 0.0, m, 0.0
+    nx /= length
+    ny /= length
     return nx, ny, m, (sx * nx + sy * ny) / m
 
 
