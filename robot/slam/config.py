@@ -23,9 +23,9 @@ class FrontEndConfig(Model):
     search_m: float = Field(0.6, gt=0.0, description="window of the wide search when lost, ±")
     search_rad: float = Field(math.radians(100.0), gt=0.0)
     drift_m_per_sqrt_m: float = Field(
-        0.006, gt=0.0, description="σ of what position drifts against a submap per √metre"
+        0.002, gt=0.0, description="σ of what position drifts against a submap per √metre"
     )
-    drift_rad_per_sqrt_m: float = Field(0.0015, gt=0.0)
+    drift_rad_per_sqrt_m: float = Field(0.0003, gt=0.0)
 
 
 class ClosureConfig(Model):

@@ -36,9 +36,6 @@ WEAK = np.diag([0.15**-2, 0.15**-2, 0.1**-2])
 # where the scan does not.
 PRIOR_FLOOR = np.diag([0.03**2, 0.03**2, 0.03**2])
 
-# What a match errs by however many returns agree.
-MATCH_FLOOR = np.diag([3e-3**2, 3e-3**2, 1e-3**2])
-
 
 @dataclass(frozen=True, slots=True)
 class NewAnchor:
@@ -206,7 +203,7 @@ class FrontEnd:
         self._last_motion, self._last_scan_pose = moved, self.pose
         if match.reason == "few returns":
             return
-        self.match_covariance = invert_spd(match.information + prior) + MATCH_FLOOR
+        self.match_covariance = invert_spd(match.information + prior)
         self.covariance = self.match_covariance + self._drift()
         self._since_match = np.zeros((3, 3))
 
