@@ -1,10 +1,18 @@
-"""Reader of CARMEN logs: laser scans (FLASER) and wheel odometry (ODOM), plain or gzipped.
+"""Reader of CARMEN logs: laser scans and wheel odometry, plain or gzipped.
 
-A line is `FLASER n r1 … rn x y θ odom_x odom_y odom_θ ipc_time host logger_time`; an odometry line
-is `ODOM x y θ v ω a ipc_time host logger_time`. Everything else in a log is skipped.
+Three kinds of lines are read, everything else in a log is skipped:
+
+    FLASER n r1 … rn x y θ odom_x odom_y odom_θ ipc_time host logger_time
+    ROBOTLASERk type first fov resolution max_range accuracy remission_mode n r1 … rn m e1 … em
+        laser_x laser_y laser_θ x y θ tv rv forward side turn_axis ipc_time host logger_time
+    ODOM x y θ v ω a ipc_time host logger_time
+
+The poses of a ROBOTLASER line are the odometry's, of the laser and of the robot: so it says where
+on the robot the laser is. A log with several lasers is read for one of them.
 """
 
 import gzip
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,14 +20,26 @@ from typing import TextIO
 
 import numpy as np
 
-from protocol.errors import EarshotError
 from protocol.pose import FloatArray, Pose2
+from station.scan_log import (
+    LoggedScan,
+    ScanLog,
+    ScanLogError,
+    Scanner,
+    check_scanner,
+    check_scans,
+)
 
+FLASER, ROBOTLASER, ODOM = "FLASER", "ROBOTLASER", "ODOM"
 FLASER_TAIL = 9
 ODOM_FIELDS = 10
+# Before the number of ranges, and after the remissions.
+ROBOTLASER_HEAD, ROBOTLASER_TAIL = 7, 14
+# Mounts that differ by this over a log are one that is rounded.
+SAME_MOUNT_M, SAME_MOUNT_RAD = 0.02, math.radians(1.0)
 
 
-class CarmenError(EarshotError):
+class CarmenError(ScanLogError):
     """A log that cannot be read; the message names file and line and says what was expected."""
 
 
@@ -33,16 +53,11 @@ class CarmenOdometry:
 
 @dataclass(frozen=True, slots=True)
 class CarmenScan:
-    """One scan: ranges (n, m) as logged, `T_odom_base` of the wheels, and the two clocks (s).
+    """A scan, the keyword of its line, and what the line says of the scanner."""
 
-    `pose` is whatever the logging machine believed (raw logs repeat the odometry there).
-    """
-
-    stamp: float
-    logger_stamp: float
-    odometry: Pose2
-    pose: Pose2
-    ranges: FloatArray
+    laser: str
+    scan: LoggedScan
+    scanner: Scanner | None = None
 
 
 def read_carmen(path: Path) -> Iterator[CarmenScan | CarmenOdometry]:
@@ -54,23 +69,55 @@ def read_carmen(path: Path) -> Iterator[CarmenScan | CarmenOdometry]:
         with _open(path) as lines:
             for number, line in enumerate(lines, start=1):
                 keyword = line.partition(" ")[0].strip()
-                if keyword == "FLASER":
+                if keyword == FLASER:
                     yield _scan(line, path, number)
-                elif keyword == "ODOM":
+                elif keyword == ODOM:
                     yield _odometry(line, path, number)
+                elif keyword.startswith(ROBOTLASER) and keyword[len(ROBOTLASER) :].isdecimal():
+                    yield _robot_laser(keyword, line, path, number)
     except (OSError, EOFError, UnicodeDecodeError) as error:
         raise CarmenError(f"{path}: not a readable CARMEN log ({error})") from error
 
 
-def read_scans(path: Path) -> list[CarmenScan]:
-    """All scans of a log; raises CarmenError also when there are none or their sizes differ."""
-    scans = [record for record in read_carmen(path) if isinstance(record, CarmenScan)]
-    if not scans:
-        raise CarmenError(f"{path}: no FLASER line; expected a CARMEN log with laser scans")
-    sizes = sorted({len(scan.ranges) for scan in scans})
-    if len(sizes) > 1:
-        raise CarmenError(f"{path}: scans of different sizes ({sizes}); expected one laser")
-    return scans
+def read_carmen_log(path: Path, laser: str | None = None) -> ScanLog:
+    """All scans of one laser of a log: the one asked for, or FLASER, or the ROBOTLASER of the least
+    number.
+
+    Raises CarmenError also when there are none, ScanLogError when their sizes differ.
+    """
+    found: dict[str, list[CarmenScan]] = {}
+    for record in read_carmen(path):
+        if isinstance(record, CarmenScan):
+            found.setdefault(record.laser, []).append(record)
+    if laser is not None and laser not in found:
+        there = ", ".join(sorted(found)) or "none"
+        raise CarmenError(f"{path}: no {laser} line; the lasers of this log: {there}")
+    # By length and then by letters: numbers of any size in their order.
+    chosen = laser or min(found, key=lambda name: (name != FLASER, len(name), name), default=FLASER)
+    records = found.get(chosen, [])
+    scans = [record.scan for record in records]
+    check_scans(
+        path, scans, f"no {FLASER} or {ROBOTLASER} line; expected a CARMEN log with laser scans"
+    )
+    return ScanLog(scans, _one_scanner(path, records))
+
+
+def _one_scanner(path: Path, records: list[CarmenScan]) -> Scanner | None:
+    first = records[0].scanner
+    if first is None:
+        return None
+    for record in records:
+        scanner = record.scanner
+        assert scanner is not None  # as all lines of one keyword
+        shift = first.T_base_laser.inverse() @ scanner.T_base_laser
+        moved = math.hypot(shift.x, shift.y) > SAME_MOUNT_M or abs(shift.theta) > SAME_MOUNT_RAD
+        if moved or (first.first_rad, first.field_of_view_rad, first.max_range_m) != (
+            scanner.first_rad,
+            scanner.field_of_view_rad,
+            scanner.max_range_m,
+        ):
+            raise CarmenError(f"{path}: {record.laser} lines of different lasers; expected one")
+    return check_scanner(path, first)
 
 
 def _open(path: Path) -> TextIO:
@@ -81,7 +128,7 @@ def _open(path: Path) -> TextIO:
 
 def _scan(line: str, path: Path, number: int) -> CarmenScan:
     fields = line.split()
-    beams = int(fields[1]) if len(fields) > 1 and fields[1].isdecimal() else 0
+    beams = _count(fields, 1)
     if beams < 1 or len(fields) != 2 + beams + FLASER_TAIL:
         raise CarmenError(
             f"{path}:{number}: expected FLASER, a number n, n ranges and {FLASER_TAIL} more; "
@@ -91,12 +138,49 @@ def _scan(line: str, path: Path, number: int) -> CarmenScan:
     values = _numbers([*fields[2 : 2 + beams], *tail[:7], tail[8]], path, number)
     ranges, rest = values[:beams], values[beams:]
     return CarmenScan(
-        stamp=float(rest[6]),
-        logger_stamp=float(rest[7]),
-        odometry=Pose2.from_array(rest[3:6]),
-        pose=Pose2.from_array(rest[:3]),
-        ranges=ranges,
+        FLASER,
+        LoggedScan(
+            stamp=float(rest[6]),
+            logger_stamp=float(rest[7]),
+            odometry=Pose2.from_array(rest[3:6]),
+            pose=Pose2.from_array(rest[:3]),
+            ranges=ranges,
+        ),
     )
+
+
+def _robot_laser(keyword: str, line: str, path: Path, number: int) -> CarmenScan:
+    fields = line.split()
+    beams = _count(fields, 1 + ROBOTLASER_HEAD)
+    after = 2 + ROBOTLASER_HEAD + beams
+    remissions = _count(fields, after)
+    if beams < 1 or remissions < 0 or len(fields) != after + 1 + remissions + ROBOTLASER_TAIL:
+        raise CarmenError(
+            f"{path}:{number}: expected {keyword}, {ROBOTLASER_HEAD} numbers, n, n ranges, m, m "
+            f"remissions and {ROBOTLASER_TAIL} more; got {len(fields)} fields for n = {beams} and "
+            f"m = {remissions}"
+        )
+    tail = fields[after + 1 + remissions :]
+    first = 2 + ROBOTLASER_HEAD
+    values = _numbers(
+        [*fields[1 : 1 + ROBOTLASER_HEAD], *fields[first:after], *tail[:12], tail[13]], path, number
+    )
+    head, ranges, rest = (
+        values[:ROBOTLASER_HEAD],
+        values[ROBOTLASER_HEAD : ROBOTLASER_HEAD + beams],
+        values[ROBOTLASER_HEAD + beams :],
+    )
+    T_odom_laser, T_odom_base = Pose2.from_array(rest[:3]), Pose2.from_array(rest[3:6])
+    max_range = float(head[4])
+    scan = LoggedScan(
+        stamp=float(rest[11]),
+        logger_stamp=float(rest[12]),
+        odometry=T_odom_base,
+        pose=T_odom_base,
+        ranges=np.where(ranges < max_range, ranges, np.inf),
+    )
+    mount = T_odom_base.inverse() @ T_odom_laser
+    return CarmenScan(keyword, scan, Scanner(float(head[1]), float(head[2]), max_range, mount))
 
 
 def _odometry(line: str, path: Path, number: int) -> CarmenOdometry:
@@ -107,6 +191,11 @@ def _odometry(line: str, path: Path, number: int) -> CarmenOdometry:
         )
     values = _numbers(fields[1:8], path, number)
     return CarmenOdometry(stamp=float(values[6]), odometry=Pose2.from_array(values[:3]))
+
+
+def _count(fields: list[str], at: int) -> int:
+    """The number in a field; −1 where there is none."""
+    return int(fields[at]) if at < len(fields) and fields[at].isdecimal() else -1
 
 
 def _numbers(fields: list[str], path: Path, number: int) -> FloatArray:

@@ -15,15 +15,17 @@ EXAMPLES = """examples:
   earshot slam synth.clf --reference synth.truth.tum --reverse
   earshot slam intel.clf --odometry-scale 1.15 --turn-error 0.09 --range-noise 0.02 --seed 3
 
-LOG is a CARMEN log with FLASER lines, plain or gzipped. The folder that is written holds
-metrics.json and .txt, trajectory.tum, odometry.tum, graph.g2o, map.yaml with map.pgm, and map.png.
+LOG is a CARMEN log with FLASER or ROBOTLASER lines, plain or gzipped, or a ROS bag (a rosbag2
+folder, .mcap, .db3 or .bag; needs pip install "earshot-slam[rosbag]"). The folder that is written
+holds metrics.json and .txt, trajectory.tum, odometry.tum, graph.g2o, map.yaml with map.pgm, and
+map.png.
 
 exit codes: 0 done, 2 an error, 130 interrupted"""
 
 
 def add_parser(commands: SubParsers) -> None:
     parser = add_command(commands, "slam", "map a building from a robot's log", EXAMPLES)
-    parser.add_argument("log", type=Path, metavar="LOG", help="a CARMEN log, .gz too")
+    parser.add_argument("log", type=Path, metavar="LOG", help="a CARMEN log, .gz too, or a ROS bag")
     parser.add_argument("--engine", default="graph", metavar="NAME", help="default: graph")
     parser.add_argument(
         "--relations", type=Path, metavar="FILE", help="relations to measure by (Kümmerle et al.)"
@@ -34,6 +36,10 @@ def add_parser(commands: SubParsers) -> None:
     parser.add_argument(
         "--reference", type=Path, metavar="FILE", help="a .tum trajectory to measure by"
     )
+    read = parser.add_argument_group("what is read, where a log holds more than one")
+    read.add_argument("--laser", metavar="KEYWORD", help="of a CARMEN log: FLASER, ROBOTLASER1, …")
+    read.add_argument("--scan-topic", metavar="TOPIC", help="of a ROS bag: of its LaserScan")
+    read.add_argument("--odom-topic", metavar="TOPIC", help="of a ROS bag: of its Odometry")
     played = parser.add_argument_group("how the log is played")
     played.add_argument("--reverse", action="store_true", help="from its end to its beginning")
     played.add_argument("--every", type=int, metavar="N", help="only every n-th scan")
@@ -51,7 +57,10 @@ def add_parser(commands: SubParsers) -> None:
         "--max-range", type=float, metavar="METRES", help="longer ranges are no return (default 40)"
     )
     played.add_argument(
-        "--field-of-view", type=float, metavar="DEG", help="of the scanner (default a half turn)"
+        "--field-of-view",
+        type=float,
+        metavar="DEG",
+        help="of the scanner (default: as the log says, or a half turn)",
     )
     parser.add_argument("--out", type=Path, metavar="DIR", help="folder for the results")
     parser.add_argument("--json", type=Path, metavar="FILE", help="the metrics also here")
@@ -59,23 +68,23 @@ def add_parser(commands: SubParsers) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    from station.carmen import read_scans
     from station.formats import read_tum, write_text
     from station.progress_bar import progress_bar
     from station.relations import read_relations, reference_errors, relation_errors
     from station.replay import play
     from station.replay_report import PICTURE, measure_replay, replay_table, write_replay
     from station.report_folder import run_folder
+    from station.scan_log import Channels, read_log
     from station.warm_up import ensure_warm
 
     settings = _settings(args)
-    scans = read_scans(args.log)
+    log = read_log(args.log, Channels(args.laser, args.scan_topic, args.odom_topic))
     relations = read_relations(args.relations) if args.relations else None
     reference = read_tum(args.reference) if args.reference else None
     folder = run_folder(args.out)
     ensure_warm()
     with progress_bar(args.log.name) as progress:
-        replay = play(scans, settings, progress)
+        replay = play(log, settings, progress)
     metrics = measure_replay(
         args.log,
         settings,

@@ -11,7 +11,7 @@ import numpy as np
 
 from protocol.config import BodyConfig
 from protocol.errors import EarshotError, MalformedMessageError
-from protocol.pose import IDENTITY, FloatArray
+from protocol.pose import IDENTITY, FloatArray, Pose2
 from robot.jobs import Jobs
 from robot.journal_file import read_records
 from robot.perception.scan import perceive
@@ -19,8 +19,8 @@ from robot.slam.engine import Entry
 from robot.slam.engines import make_engine
 from robot.team.entries import Hello, Known, Link, decode_entry, encode_entry
 from robot.team.journal import decode_record
-from station.carmen import CarmenScan, read_scans
-from station.replay import ReplaySettings, lidar_of, raw_motion
+from station.replay import ReplaySettings, in_order, lidar_of, moved, raw_motion
+from station.scan_log import LoggedScan, Scanner, read_log
 
 JOURNAL = ".journal"
 
@@ -52,7 +52,7 @@ class Whole:
 def read_sources(paths: list[Path], split: int) -> tuple[list[Source], dict[str, Whole]]:
     """The robots in logs, journal files and run folders; logs in `split` parts.
 
-    Raises MergeError when there are fewer than two, CarmenError when a log cannot be read.
+    Raises MergeError when there are fewer than two, ScanLogError when a log cannot be read.
     """
     sources: list[Source] = []
     wholes: dict[str, Whole] = {}
@@ -60,13 +60,14 @@ def read_sources(paths: list[Path], split: int) -> tuple[list[Source], dict[str,
         if path.is_dir() or path.suffix == JOURNAL:
             sources += _recorded(path)
             continue
-        scans = _in_order(read_scans(path))
+        log = read_log(path)
+        scans = in_order(log.scans)
         name = _free_name(path.name.partition(".")[0], sources)
         if split > 1:
-            wholes[name] = Whole(_drive(scans)[1])
+            wholes[name] = Whole(_drive(scans, log.scanner)[1])
         for number in range(split):
             first, end = (len(scans) * k // split for k in (number, number + 1))
-            entries, _ = _drive(scans[first:end])
+            entries, _ = _drive(scans[first:end], log.scanner)
             label = f"{name}.{number + 1}" if split > 1 else name
             sources.append(Source(label, entries, False, (name, first)))
     if len(sources) < 2:
@@ -74,16 +75,21 @@ def read_sources(paths: list[Path], split: int) -> tuple[list[Source], dict[str,
     return sources, wholes
 
 
-def _drive(scans: list[CarmenScan]) -> tuple[tuple[Known, ...], FloatArray]:
-    """A log as the journal of the robot that drove it, and its pose (n×3) at every scan."""
-    lidar = lidar_of(len(scans[0].ranges), ReplaySettings())
+def _drive(
+    scans: list[LoggedScan], scanner: Scanner | None
+) -> tuple[tuple[Known, ...], FloatArray]:
+    """A log as the journal of the robot that drove it, and the laser's pose (n×3) at every scan."""
+    lidar = lidar_of(len(scans[0].ranges), ReplaySettings(), scanner)
+    wheels = np.array([scan.odometry.to_array() for scan in scans])
+    odometry = moved(wheels, scanner.T_base_laser if scanner else IDENTITY)
     engine = make_engine("graph", lidar, BodyConfig(), IDENTITY, Jobs())
     found: list[Entry] = []
-    before = scans[0].odometry
+    before = Pose2.from_array(odometry[0])
     for tick, scan in enumerate(scans):
         ranges = perceive(scan.ranges.astype(np.float32), lidar)
-        engine.step(tick, raw_motion(before.inverse() @ scan.odometry), ranges)
-        before = scan.odometry
+        now = Pose2.from_array(odometry[tick])
+        engine.step(tick, raw_motion(before.inverse() @ now), ranges)
+        before = now
         found += engine.take_entries()
     hello = Hello(
         None, lidar.beams, lidar.angle_min_rad, lidar.increment_rad, lidar.max_range_m, 0.2
@@ -127,14 +133,6 @@ def _without_answers(entries: list[Known]) -> Iterator[Known]:
             )
         elif not isinstance(entry, Link):
             yield entry
-
-
-def _in_order(scans: list[CarmenScan]) -> list[CarmenScan]:
-    kept: list[CarmenScan] = []
-    for scan in scans:
-        if not kept or scan.stamp > kept[-1].stamp:
-            kept.append(scan)
-    return kept
 
 
 def _free_name(wanted: str, sources: list[Source]) -> str:

@@ -22,10 +22,11 @@ from robot.perception.scan import LaserScan, beam_angles, perceive
 from robot.slam.engine import Entry, GraphSnapshot, Keyframe
 from robot.slam.engines import make_engine
 from station.along_odometry import follow_odometry
-from station.carmen import CarmenScan
+from station.scan_log import LoggedScan, ScanLog, Scanner
 
 # Scans that an engine of its own sees first, so that no scan of the log waits for a kernel to load.
 REHEARSAL_SCANS = 12
+MAX_BEAMS = 4096
 
 Progress = Callable[[int, int], None]
 
@@ -71,11 +72,19 @@ class Replay:
     lidar: LidarConfig
 
 
-def lidar_of(beams: int, settings: ReplaySettings) -> LidarConfig:
-    """A scanner that looks forward. An even number of beams over a half turn lacks the last one:
-    180 stand at −90…+89°, 361 at −90…+90°."""
-    if beams < 3:
-        raise ReplayError(f"scans of {beams} beams; expected at least 3")
+def lidar_of(beams: int, settings: ReplaySettings, scanner: Scanner | None = None) -> LidarConfig:
+    """The scanner as the log has it, or else one that looks forward. Of those an even number of
+    beams over a half turn lacks the last one: 180 stand at −90…+89°, 361 at −90…+90°."""
+    if not 3 <= beams <= MAX_BEAMS:
+        raise ReplayError(f"scans of {beams} beams; expected 3 to {MAX_BEAMS}")
+    if scanner is not None and settings.field_of_view_deg is None:
+        return LidarConfig(
+            beams=beams,
+            field_of_view_rad=min(scanner.field_of_view_rad, math.tau),
+            angle_min_rad=scanner.first_rad,
+            max_range_m=min(settings.max_range_m, scanner.max_range_m),
+            noise="none",
+        )
     if settings.field_of_view_deg is None:
         span = math.pi * (1.0 if beams % 2 else (beams - 1) / beams)
         first = -0.5 * math.pi
@@ -101,22 +110,24 @@ def raw_motion(T_before_now: Pose2) -> Motion:
     return Motion(T_before_now, np.diag([along**2, across**2, turned**2]))
 
 
-def play(
-    scans: list[CarmenScan], settings: ReplaySettings, progress: Progress | None = None
-) -> Replay:
-    """Play scans (as read, in the order of the file) to an engine that starts at the origin.
+def play(log: ScanLog, settings: ReplaySettings, progress: Progress | None = None) -> Replay:
+    """Play a log to an engine that starts with the robot at the origin.
+
+    The engine maps from where the laser is; poses that come back are the robot's.
 
     `progress` is told (scans played, of how many). Scans whose stamp is not after the one before
     are left out. Raises ReplayError when nothing is left to play, UnknownEngineError.
     """
-    scans = _in_order(scans)
-    lidar = lidar_of(len(scans[0].ranges), settings)
-    odometry = _wrong(np.array([scan.odometry.to_array() for scan in scans]), settings)
+    scans = in_order(log.scans)
+    lidar = lidar_of(len(scans[0].ranges), settings, log.scanner)
+    T_base_laser = log.scanner.T_base_laser if log.scanner else IDENTITY
+    wheels = _wrong(np.array([scan.odometry.to_array() for scan in scans]), settings)
+    odometry = moved(wheels, T_base_laser)
     ranges = _noisy(scans, settings)
     order = np.arange(len(scans))[:: -1 if settings.reverse else 1][:: settings.every]
     _rehearse(ranges, odometry, order, lidar, settings)
 
-    engine = make_engine(settings.engine, lidar, BodyConfig(), IDENTITY, Jobs())
+    engine = make_engine(settings.engine, lidar, BodyConfig(), T_base_laser, Jobs())
     step_s, online = np.empty(len(order)), np.empty((len(order), 3))
     before = Pose2.from_array(odometry[order[0]])
     start = time.perf_counter()
@@ -136,14 +147,15 @@ def play(
     stamps = np.array([scan.stamp for scan in scans])
     by_stamp = np.argsort(order)
     played = order[by_stamp]
-    poses = engine.trajectory()[by_stamp]
+    T_laser_base = T_base_laser.inverse()
+    poses = moved(engine.trajectory()[by_stamp], T_laser_base)
     return Replay(
         stamps=stamps,
         logger_stamps=np.array([scan.logger_stamp for scan in scans]),
-        odometry=odometry,
-        poses=follow_odometry(stamps[played], odometry[played], poses, stamps, odometry),
+        odometry=wheels,
+        poses=follow_odometry(stamps[played], wheels[played], poses, stamps, wheels),
         played=stamps[played],
-        online=online[by_stamp],
+        online=moved(online[by_stamp], T_laser_base),
         keyframes=_keyframes(engine.take_entries(), engine.anchors, lidar),
         graph=engine.graph(),
         loop_closures=engine.loop_closures,
@@ -153,8 +165,14 @@ def play(
     )
 
 
-def _in_order(scans: list[CarmenScan]) -> list[CarmenScan]:
-    kept: list[CarmenScan] = []
+def moved(poses: FloatArray, T: Pose2) -> FloatArray:
+    """Poses (n×3) of another frame of the same body, whose pose in the first one is T."""
+    return poses if T == IDENTITY else compose(poses, T.to_array())
+
+
+def in_order(scans: list[LoggedScan]) -> list[LoggedScan]:
+    """Without scans whose stamp is not after the one before. Raises ReplayError if few are left."""
+    kept: list[LoggedScan] = []
     for scan in scans:
         if not kept or scan.stamp > kept[-1].stamp:
             kept.append(scan)
@@ -175,7 +193,7 @@ def _wrong(odometry: FloatArray, settings: ReplaySettings) -> FloatArray:
     return np.array(wrong)
 
 
-def _noisy(scans: list[CarmenScan], settings: ReplaySettings) -> list[np.ndarray]:
+def _noisy(scans: list[LoggedScan], settings: ReplaySettings) -> list[np.ndarray]:
     """The ranges (n) of every scan; noise is drawn for a scan whether it is played or not."""
     chance = np.random.default_rng(settings.seed)
     out = []

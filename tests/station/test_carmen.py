@@ -7,9 +7,20 @@ import numpy as np
 import pytest
 
 from protocol.pose import Pose2
-from station.carmen import CarmenError, CarmenOdometry, CarmenScan, read_carmen, read_scans
+from station.carmen import (
+    CarmenError,
+    CarmenOdometry,
+    CarmenScan,
+    read_carmen,
+    read_carmen_log,
+)
+from station.scan_log import ScanLogError, Scanner
 
 SCAN = "FLASER 3 1.5 2.5 81.91 1 2 0.5 1.1 2.1 0.6 100.25 host 0.75\n"
+LASER = (
+    "ROBOTLASER1 0 -1.57 3.14 1.57 30.0 0.01 0 3 1.5 30.0 2.5 0 1.5 2.5 0.5 1.2 2 0.5 "
+    "0 0 0.3 0.3 1e6 100.25 host 0.75\n"
+)
 ODOM = "ODOM 1.0 2.0 0.5 0.3 0.1 0.0 100.5 host 1.0\n"
 
 
@@ -23,8 +34,8 @@ def test_scans_and_odometry_come_in_the_order_of_the_file(tmp_path: Path) -> Non
     path = write(tmp_path, "# comment\nPARAM a b\n" + ODOM + SCAN + ODOM)
     records = list(read_carmen(path))
     assert [type(r) for r in records] == [CarmenOdometry, CarmenScan, CarmenOdometry]
-    scan = records[1]
-    assert isinstance(scan, CarmenScan)
+    assert isinstance(records[1], CarmenScan)
+    scan = records[1].scan
     assert np.array_equal(scan.ranges, [1.5, 2.5, 81.91])
     assert scan.pose == Pose2(1.0, 2.0, 0.5)
     assert scan.odometry == Pose2(1.1, 2.1, 0.6)
@@ -36,7 +47,7 @@ def test_gzipped_logs_are_read_alike(tmp_path: Path) -> None:
     path = tmp_path / "log.clf.gz"
     with gzip.open(path, "wt") as file:
         file.write(SCAN * 2)
-    assert len(read_scans(path)) == 2
+    assert len(read_carmen_log(path).scans) == 2
 
 
 @pytest.mark.parametrize(
@@ -48,21 +59,45 @@ def test_gzipped_logs_are_read_alike(tmp_path: Path) -> None:
         (SCAN.replace("2.5", "two"), "log.clf:1: .*expected numbers"),
         (SCAN.replace("2.5", "nan"), "log.clf:1: a value is not finite"),
         ("ODOM 1 2 3\n", "log.clf:1: expected ODOM and 9 fields, got 3"),
-        ("hello\n", "no FLASER line"),
+        ("hello\n", "no FLASER or ROBOTLASER line"),
+        (LASER[:-20] + "\n", "log.clf:1: expected ROBOTLASER1, 7 numbers"),
+        (LASER.replace(" 0 1.5 2.5 0.5", " 1 1.5 2.5 0.5"), "log.clf:1: expected ROBOTLASER1"),
+        (LASER.replace("-1.57 3.14", "-1.57 7.14"), "at most a full turn"),
+        (LASER + LASER.replace("-1.57", "-1.50"), "different lasers"),
+        (LASER + LASER.replace("0.5 1.2 2 0.5", "0.5 1.9 2 0.5"), "different lasers"),
         (SCAN + "FLASER 1 1.5 1 2 0.5 1.1 2.1 0.6 100.25 host 0.75\n", "different sizes"),
     ],
 )
 def test_bad_logs_are_refused(tmp_path: Path, text: str, message: str) -> None:
-    with pytest.raises(CarmenError, match=message):
-        read_scans(write(tmp_path, text))
+    with pytest.raises(ScanLogError, match=message):
+        read_carmen_log(write(tmp_path, text))
 
 
 def test_what_is_no_log_at_all_is_refused(tmp_path: Path) -> None:
     with pytest.raises(CarmenError, match="not a readable CARMEN log"):
-        read_scans(tmp_path / "missing.clf")
+        read_carmen_log(tmp_path / "missing.clf")
     (tmp_path / "binary.clf").write_bytes(bytes(range(256)))
     with pytest.raises(CarmenError, match="not a readable CARMEN log"):
-        read_scans(tmp_path / "binary.clf")
+        read_carmen_log(tmp_path / "binary.clf")
     write(tmp_path, "not gzip", "log.clf.gz")
     with pytest.raises(CarmenError, match="not a readable CARMEN log"):
-        read_scans(tmp_path / "log.clf.gz")
+        read_carmen_log(tmp_path / "log.clf.gz")
+
+
+def test_a_robot_laser_says_what_it_is_and_where_it_is_mounted(tmp_path: Path) -> None:
+    log = read_carmen_log(write(tmp_path, LASER * 2 + LASER.replace("LASER1", "LASER2")))
+    assert len(log.scans) == 2
+    scan = log.scans[0]
+    assert (scan.stamp, scan.logger_stamp) == (100.25, 0.75)
+    assert scan.odometry == Pose2(1.2, 2.0, 0.5)
+    assert np.array_equal(scan.ranges, [1.5, np.inf, 2.5])
+    mount = Pose2(1.2, 2.0, 0.5).inverse() @ Pose2(1.5, 2.5, 0.5)
+    assert log.scanner == Scanner(-1.57, 3.14, 30.0, mount)
+
+
+def test_one_of_several_lasers_is_read(tmp_path: Path) -> None:
+    path = write(tmp_path, LASER.replace("LASER1", "LASER2") + LASER * 2 + SCAN * 3)
+    assert len(read_carmen_log(path).scans) == 3
+    assert len(read_carmen_log(path, "ROBOTLASER2").scans) == 1
+    with pytest.raises(CarmenError, match=r"no ROBOTLASER3 line; .* FLASER, ROBOTLASER1, ROBOTL"):
+        read_carmen_log(path, "ROBOTLASER3")

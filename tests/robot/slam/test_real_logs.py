@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from station.carmen import read_scans
 from station.formats import read_g2o, read_tum
 from station.graph_solution import solve
 from station.relations import read_relations, reference_errors, relation_errors
 from station.replay import Replay, ReplaySettings, play
+from station.scan_log import read_log
 
 SHARED = Path(os.environ.get("EARSHOT_DATA") or Path(__file__).parents[4] / "shared")
 DATA = SHARED / "data"
@@ -27,7 +27,7 @@ pytestmark = [
 
 
 def replay(name: str, backwards: bool = False) -> Replay:
-    return play(read_scans(DATA / "carmen" / f"{name}.clf"), ReplaySettings(reverse=backwards))
+    return play(read_log(DATA / "carmen" / f"{name}.clf"), ReplaySettings(reverse=backwards))
 
 
 @pytest.mark.parametrize("backwards", [False, True])
