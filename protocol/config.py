@@ -127,3 +127,9 @@ class RobotConfig(Message):
     radio: RadioConfig = RadioConfig()
     engine: str = "graph"
     policy: str = "frontier"
+    run: Annotated[str, StringConstraints(max_length=64)] = Field(
+        "", description="tells journals of this run from those of others"
+    )
+    returned: bool = Field(
+        False, description="it was in this run before, and is not where it started"
+    )

@@ -55,6 +55,11 @@ class Question:
                 express=True,
             )
 
+    def pass_over(self) -> None:
+        """Give no answer, so that who asks need not wait for one."""
+        with self._query:
+            pass
+
 
 @dataclass(frozen=True, slots=True)
 class Presence:

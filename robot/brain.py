@@ -5,6 +5,7 @@ the same actions to the last bit, wherever it runs.
 """
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -68,6 +69,10 @@ class Brain:
         self._decision: Decision | None = None
         self._sightings: dict[str, tuple[int, Pose2]] = {}
         self._counts = {"frames_sent": 0, "bytes_sent": 0, "frames_heard": 0, "bytes_heard": 0}
+
+    def remember(self, records: Sequence[bytes]) -> None:
+        """Take in the journal entries of earlier lives, before the first step."""
+        self._team.recall(records)
 
     # -- the step
 
@@ -162,12 +167,16 @@ class Brain:
     # -- where things are
 
     def _own_anchors(self, solution: Solution) -> Solution:
-        """This robot's anchors: by the joint solution, or else by its engine alone."""
-        own = self._team.own_log
-        log = self._team.graph.log(own)
-        if log is None or own not in solution:
+        """The anchors of all lives of this robot that are placed: by the joint solution, or else by
+        the engine alone, which knows of the present one."""
+        own, graph = self._team.own_log, self._team.graph
+        if own not in solution:
             return {own: self._engine.anchors}
-        return {own: anchor_poses(log, solution[own])}
+        return {
+            name: anchor_poses(log, solution[name])
+            for name in solution
+            if name.robot == own.robot and (log := graph.log(name)) is not None
+        }
 
     def _anchored(self) -> tuple[int, Pose2]:
         """The newest anchor in the journal, and the robot's pose relative to it."""

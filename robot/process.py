@@ -5,9 +5,10 @@ where there is never more than one, and real time, where a slow robot skips sens
 When the world is gone there are no wheels to stop: it says so and ends.
 """
 
+import logging
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, nullcontext
 from enum import Enum
@@ -45,7 +46,10 @@ from protocol.topics import (
     WORLD_ALIVE,
 )
 from robot.jobs import Jobs
-from robot.journal_file import JournalFile
+from robot.journal_file import JournalFile, Life, next_incarnation
+from robot.recollection import recall
+
+log = logging.getLogger(__name__)
 
 POLL_S = 0.5
 REPORT_EVERY_S = 1.0
@@ -66,6 +70,8 @@ class Farewell(Enum):
 
 class Mind(Protocol):
     """What the shell asks of a brain."""
+
+    def remember(self, records: Sequence[bytes]) -> None: ...
 
     def step(self, sense: Sense) -> Action: ...
 
@@ -104,18 +110,43 @@ def run_robot(
     interrupt: Interrupt,
     *,
     journal_folder: Path | None = None,
+    resume: bool = False,
     world_wait_s: float = 60.0,
 ) -> Farewell:
-    """Be the robot `name` until the run ends. Raises WorldMissingError if there is no world."""
+    """Be the robot `name` until the run ends; to `resume`, with the memory of earlier lives.
+
+    Raises WorldMissingError if there is no world that waits for this robot.
+    """
     config = ask_config(bus, name, interrupt, world_wait_s)
     if config is None:
         return Farewell.INTERRUPTED
-    journal: AbstractContextManager[JournalFile | None] = (
-        JournalFile(journal_folder, name) if journal_folder else nullcontext()
-    )
+    incarnation, remembered = begin_life(config, journal_folder, resume)
+    journal: AbstractContextManager[JournalFile | None] = nullcontext()
+    if journal_folder is not None:
+        journal = JournalFile(journal_folder, Life(name, incarnation, config.run))
     with journal as file, ThreadPoolExecutor(1, thread_name_prefix=f"{name}-jobs") as executor:
-        mind = make_mind(config, file.incarnation if file else 0, Jobs(executor))
+        mind = make_mind(config, incarnation, Jobs(executor))
+        mind.remember(remembered)
         return RobotProcess(bus, config, mind, interrupt, file).run()
+
+
+def begin_life(
+    config: RobotConfig, journal_folder: Path | None, resume: bool
+) -> tuple[int, list[bytes]]:
+    """The incarnation of a robot that starts, and what it remembers of earlier ones.
+
+    A robot that is back in a run is named by the second in which it starts. So no name is used
+    twice, also where its journal was lost, taken from an old copy, or copied for another robot.
+    """
+    remembered, incarnation = [], 0
+    if journal_folder is not None:
+        incarnation = next_incarnation(journal_folder, config.name)
+        if resume:
+            remembered = recall(journal_folder, config.name, config.run)
+            log.info("%s: remembers %d entries", config.name, len(remembered))
+    if resume or config.returned:
+        incarnation = max(incarnation, int(time.time()))
+    return incarnation, remembered
 
 
 def ask_config(
@@ -130,7 +161,7 @@ def ask_config(
         if time.monotonic() > deadline:
             raise WorldMissingError(
                 f"no world answers for a robot named {name}: is it running, with {name} in its "
-                "scenario and under the same --namespace?"
+                f"scenario and under the same --namespace, and no other {name} there already?"
             )
         time.sleep(0.1)  # a world that is not there yet refuses at once
     return None

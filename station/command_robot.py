@@ -25,6 +25,11 @@ def add_parser(commands: SubParsers) -> None:
         "--journal", type=Path, metavar="DIR", help="keep what the robot knows on disk, here"
     )
     parser.add_argument(
+        "--resume",
+        action="store_true",
+        help="go on after a crash: remember what earlier lives left in --journal",
+    )
+    parser.add_argument(
         "--wait", type=float, default=60.0, metavar="SECONDS", help="for the world to appear"
     )
     add_bus_options(parser)
@@ -35,9 +40,12 @@ def run(args: argparse.Namespace) -> int:
     from protocol.bus import open_bus
     from protocol.interrupt import interrupts
     from robot.brain import Brain
+    from robot.journal_file import JournalFileError
     from robot.process import run_robot
     from station.warm_up import ensure_warm
 
+    if args.resume and args.journal is None:
+        raise JournalFileError("--resume needs --journal DIR: where the memory of earlier lives is")
     ensure_warm()  # before anybody waits for this robot
     if not args.connect and not args.config:
         args.connect = ["tcp/127.0.0.1:7447"]
@@ -50,6 +58,7 @@ def run(args: argparse.Namespace) -> int:
             Brain,
             interrupt,
             journal_folder=args.journal,
+            resume=args.resume,
             world_wait_s=args.wait,
         )
     print(f"{args.name}: {farewell.value}", file=sys.stderr)

@@ -32,6 +32,11 @@ def add_parser(commands: SubParsers) -> None:
         default="processes",
         help="robots as processes over Zenoh (default), as threads over it, or without it",
     )
+    parser.add_argument(
+        "--restart",
+        action="store_true",
+        help="start robot processes again that are killed: they go on from their journals",
+    )
     add_desk_options(parser)
     parser.set_defaults(run=run)
 
@@ -45,6 +50,7 @@ def run(args: argparse.Namespace) -> int:
     ensure_warm()
 
     def play(observer: "Observer", folder: Path) -> "RunOutcome":
-        return launch(scenario, args.mode, observer, folder=folder / "robots")
+        robots = folder / "robots"
+        return launch(scenario, args.mode, observer, folder=robots, restart=args.restart)
 
     return run_at_desk(args, play)

@@ -126,6 +126,30 @@ def fork_server(folder: Path) -> Iterator[Forks]:
         yield Forks(server, ours)
 
 
+def forked_robots(pid: int) -> dict[str, int]:
+    """The process numbers of the live robots that a process has had forked, by name (Linux)."""
+    family = list(_processes())
+    servers = {number for number, parent, _ in family if parent == pid}
+    return {
+        name.removeprefix("robot "): number
+        for number, parent, name in family
+        if parent in servers and name.startswith("robot ")
+    }
+
+
+def _processes() -> Iterator[tuple[int, int, str]]:
+    """Number, parent's number and name of every process."""
+    for folder in Path("/proc").iterdir():
+        if folder.name.isdigit():
+            try:
+                head, _, tail = (folder / "stat").read_text().rpartition(")")
+            except OSError:
+                continue
+            state, parent = tail.split()[:2]
+            if state != "Z":
+                yield int(folder.name), int(parent), head.partition("(")[2]
+
+
 @contextmanager
 def robot_starter(folder: Path) -> Iterator[Forks | Spawns]:
     """The quickest way to start robots here: the server asks Linux for what others do not have."""

@@ -13,6 +13,7 @@ from protocol.keys import key_path, make_keys
 from protocol.messages import Report
 from robot.journal_file import remove_journals
 from station.child import Child, children
+from station.crew import Crew, Restarted
 from station.forks import robot_starter
 from station.free_port import free_port
 from station.hosts import LaunchError, Played, Relay, played
@@ -32,8 +33,10 @@ def play_processes(
     observer: Observer,
     interrupt: Interrupt,
     folder: Path | None = None,
+    restart: bool = False,
 ) -> Played:
-    """Play a run to its end. What robots print, and their journals, go to `folder`.
+    """Play a run to its end. What robots print, and their journals, go to `folder`. With `restart`
+    robots that are killed are started again and go on from their journals.
 
     Journals that an earlier run left there are removed: this is another world, and a robot that
     found one would take itself for restarted. Raises LaunchError when a robot dies before the
@@ -51,12 +54,17 @@ def play_processes(
     ):
         remove_journals(kept / JOURNALS)
         sampled = _MemorySampled(observer, family)
+        arguments = {
+            name: _robot_arguments(name, endpoint, key_path(keys, name), kept / JOURNALS)
+            for name in names
+        }
+        crew = Crew(starter, family, kept, arguments)
+        watcher = Restarted(sampled, crew) if restart else sampled
         world = WorldProcess(
-            simulation, bus, sampled, interrupt, lambda: _check_start(simulation, family)
+            simulation, bus, watcher, interrupt, lambda: _check_start(simulation, family)
         )
         for name in names:
-            arguments = _robot_arguments(name, endpoint, key_path(keys, name), kept / JOURNALS)
-            family.append(starter.start(name, arguments, kept / f"{name}.log"))
+            crew.start(name)
         try:
             world.run()
         finally:

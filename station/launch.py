@@ -25,11 +25,13 @@ def launch(
     *,
     folder: Path | None = None,
     grid: OccupancyGrid | None = None,
+    restart: bool = False,
 ) -> RunOutcome:
     """Play a scenario to its end and return what is left of it.
 
     `folder` is where robot processes write their logs and journals; without one they go with the
-    run. `grid` takes the place of the scenario's map. SIGINT and SIGTERM end the run in an
+    run. `grid` takes the place of the scenario's map. With `restart`, robot processes that are
+    killed are started again and go on from their journals. SIGINT and SIGTERM end the run in an
     orderly way; a second one raises KeyboardInterrupt, and also then nothing is left running.
     """
     simulation = Simulation(scenario, grid)
@@ -46,7 +48,7 @@ def launch(
         else:
             from station.host_processes import play_processes
 
-            result = play_processes(simulation, timed, interrupt, folder)
+            result = play_processes(simulation, timed, interrupt, folder, restart)
     outcome = _outcome(simulation, timed.wall_s, mode, result)
     timed.ended(outcome)
     return outcome

@@ -13,8 +13,8 @@ from protocol.config import BodyConfig
 from protocol.errors import EarshotError, MalformedMessageError
 from protocol.pose import IDENTITY, FloatArray, Pose2
 from robot.jobs import Jobs
-from robot.journal_file import read_records
 from robot.perception.scan import perceive
+from robot.recollection import read_records
 from robot.slam.engine import Entry
 from robot.slam.engines import make_engine
 from robot.team.entries import Hello, Known, Link, decode_entry, encode_entry

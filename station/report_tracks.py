@@ -73,8 +73,8 @@ def tracks_of(outcome: RunOutcome) -> Tracks:
                 online=compose(T_world_team.to_array(), found.online),
                 dead_reckoned=compose(T_world_odometry.to_array(), found.dead_reckoned),
             )
-        lived = int(history.present[:, index].sum())
-        stamps = np.arange(lived, dtype=np.float64) * simulation.scenario.tick_s
-        true = np.array(history.poses[:lived, index])
+        lived = np.flatnonzero(history.present[:, index])
+        stamps = np.asarray(lived * simulation.scenario.tick_s, dtype=np.float64)
+        true = np.array(history.poses[lived, index])
         tracks.append(Track(name, stamps, true, belief, robot.note if robot else "no answer"))
     return Tracks(T_world_team, tuple(tracks))

@@ -16,6 +16,7 @@ import sys
 import tempfile
 import threading
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 from protocol.bus import Bus, open_bus
@@ -50,6 +51,9 @@ class Parrot:
     def __init__(self, config: RobotConfig, incarnation: int, jobs: Jobs) -> None:
         self._brain = Brain(config, incarnation, jobs)
         self._tick = 0
+
+    def remember(self, records: Sequence[bytes]) -> None:
+        self._brain.remember(records)
 
     def step(self, sense: Sense) -> Action:
         if sense.tick == 0:  # so that there is something to report, and a map to show at the end

@@ -13,7 +13,6 @@ import argparse
 import json
 import math
 import sys
-import zlib
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -26,7 +25,8 @@ from protocol.errors import EarshotError
 from protocol.model import Model
 from protocol.pose import Pose2, compose
 from robot.brain import Brain
-from robot.journal_file import HEADER, read_records
+from robot.journal_file import frame_record
+from robot.recollection import read_records
 from robot.slam.engine import Anchor, Closure, Keyframe
 from robot.team.entries import Hello, Known, decode_entry
 from robot.team.hypothesis import solve_alone
@@ -84,7 +84,7 @@ def record(world: str, seed: int, seconds: float, folder: Path) -> tuple[list[Kn
             records += brain.take_records()
             senses = simulation.step({"r1": action})
         partial = path.with_suffix(".part")
-        partial.write_bytes(b"".join(_framed(one) for one in records))
+        partial.write_bytes(b"".join(frame_record(one) for one in records))
         partial.replace(path)
     entries = []
     for one in read_records(path):
@@ -207,10 +207,6 @@ def _transform(solution: Solution) -> Pose2:
     """`T_one_two` between first anchors."""
     one, two = (Pose2.from_array(solution[name][0]) for name in (ONE, TWO))
     return one.inverse() @ two
-
-
-def _framed(record_bytes: bytes) -> bytes:
-    return HEADER.pack(len(record_bytes), zlib.crc32(record_bytes)) + record_bytes
 
 
 def _arguments(argv: list[str] | None) -> argparse.Namespace:

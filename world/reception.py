@@ -1,6 +1,8 @@
 """Where everything arrives that comes to the world: each message to the robot it is about."""
 
 import logging
+import secrets
+from collections import Counter
 from collections.abc import Callable, Mapping
 from typing import Protocol
 
@@ -25,7 +27,7 @@ from protocol.topics import (
     TALLY,
     TRAJECTORY,
 )
-from world.last_words import SPOKEN, LastWords, compare
+from world.last_words import SPOKEN, Counts, LastWords, compare
 from world.robot_link import RobotLink
 from world.roster import Roster
 from world.simulation import Simulation
@@ -66,6 +68,9 @@ class Reception:
         self._bus = bus
         self._watcher = watcher
         self._check = check
+        self._run = secrets.token_hex(8)
+        self._doubles: set[str] = set()
+        self._counted_before: dict[str, tuple[Counts, Counts]] = {}
         self._inbox = bus.inbox()
         interrupt.on_request.append(self._inbox.wake)
         for name, link in roster.links.items():
@@ -110,7 +115,7 @@ class Reception:
         link = self._roster.links[event.robot]
         match event:
             case Question():
-                event.reply(self._simulation.robot_config(event.robot))
+                self._introduce(link, event)
             case Flood():
                 self._mute(link)
             case Presence(alive=True):
@@ -140,7 +145,12 @@ class Reception:
             case TrajectoryReply() as reply:
                 words.trajectory = reply
             case Tally() as tally:
-                words.wire = compare(link.name, tally, self._bus.sent, self._inbox.received)
+                words.wire = compare(link.name, tally, *self._counted_with(link.name))
+
+    def _counted_with(self, name: str) -> tuple[Counts, Counts]:
+        """Messages sent to and received from a robot in its present life."""
+        sent, received = self._counted_before.get(name, (Counter(), Counter()))
+        return self._bus.sent - sent, self._inbox.received - received
 
     def listen_again(self) -> None:
         """To those who were muted long enough."""
@@ -157,10 +167,31 @@ class Reception:
         link.mute(self._simulation.tick + MUTE_TICKS)
         self._simulation.halt(link.name)
 
+    def _introduce(self, link: RobotLink, question: Question) -> None:
+        """Tell a robot about itself, unless it is there already: then it is another one that asks,
+        or the end of the old one has not come to our ears yet, and the question will come again."""
+        if link.alive:
+            if link.name not in self._doubles:
+                log.warning("a second %s asks to take part; one of that name is here", link.name)
+            self._doubles.add(link.name)
+            question.pass_over()
+            return
+        config = self._simulation.robot_config(link.name)
+        own = {"run": self._run, "returned": link.lost}
+        if link.lost:  # its wheels have turned since it started
+            own["start"] = None
+        question.reply(config.model_copy(update=own))
+
     def _welcome(self, link: RobotLink) -> None:
-        if link.lost:  # its teammates already went on without it
-            self.dismiss(link.name, "it was given up for lost")
         link.present = True
+        if link.lost:
+            log.warning("%s is back at tick %d", link.name, self._simulation.tick)
+            link.come_back()
+            self._counted_before[link.name] = (
+                Counter(self._bus.sent),
+                Counter(self._inbox.received),
+            )
+            self._simulation.mark_alive(link.name)
 
     def _mark_lost(self, link: RobotLink) -> None:
         if not self._roster.closed:

@@ -30,7 +30,9 @@ class RobotScore(Accuracy):
     coverage_joint: float | None = Field(description="of its joint map; None without a map")
     collisions: int
     driven_m: float
-    ledger_equal: bool | None = Field(description="its counts are the world's; None if it died")
+    ledger_equal: bool | None = Field(
+        description="its counts are the world's; None if it died, also if it came back"
+    )
 
 
 class WallScore(Model):
@@ -161,8 +163,10 @@ class Referee:
             ledger_equal=self._ledger_equal(name, trajectory) if trajectory else None,
         )
 
-    def _ledger_equal(self, name: str, reply: TrajectoryReply) -> bool:
+    def _ledger_equal(self, name: str, reply: TrajectoryReply) -> bool | None:
         i, ledger = self._simulation.names.index(name), self._simulation.ledger
+        if not self._simulation.history.present[:, i].all():
+            return None
         sent, heard = ledger.sent[i].tolist(), ledger.heard[i].tolist()
         return [reply.frames_sent, reply.bytes_sent, reply.frames_heard, reply.bytes_heard] == [
             *sent,

@@ -31,6 +31,7 @@ class RobotLink:
         self.missed = 0
         self.stale = 0
         self.mutes = 0
+        self.returns = 0
         self.muted_until: int | None = None
         self.reports = ReportLog()
         self._answered = -1
@@ -99,6 +100,14 @@ class RobotLink:
         self.stalled = True
         self.stalls += 1
 
+    def come_back(self) -> None:
+        """A robot that was lost is there again, in a new life: what its old one owed is void."""
+        self.lost = self.owes = self.stalled = False
+        self.returns += 1
+        self._action = None
+        self._sent.clear()
+        self._waiting.clear()
+
     def mute(self, until_tick: int) -> None:
         """The robot flooded: nobody waits for it until it is listened to again."""
         self.mutes += 1
@@ -116,6 +125,8 @@ class RobotLink:
         parts = []
         if self.lost:
             parts.append("lost")
+        if self.returns:
+            parts.append(f"started again {self.returns} times")
         if self.stalls:
             parts.append(f"stalled {self.stalls} times")
         if self.missed:

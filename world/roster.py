@@ -17,7 +17,7 @@ class RosterError(EarshotError):
 
 class Roster:
     """The links to all robots, in the scenario's order. It is `closed` from tick 0 on: who leaves
-    before may come again, who leaves later is lost. Who was not there by then may still come."""
+    later is lost until it comes back in a new life. Who was not there by then may still come."""
 
     def __init__(self, names: tuple[str, ...], link_bytes_per_tick: int) -> None:
         """`link_bytes_per_tick` is what the radio carries between two robots in one tick."""

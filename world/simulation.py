@@ -17,7 +17,7 @@ from maps.grid import BoolArray, OccupancyGrid
 from maps.library import load_map
 from protocol.config import PoseModel, RadioConfig, RobotConfig
 from protocol.messages import STOP, Action, DriveCommand, RadioFrame, Sense
-from protocol.pose import FloatArray
+from protocol.pose import FloatArray, Pose2
 from protocol.state import adopt_state, dump_state
 from world.channel import Channel
 from world.drive import Drives
@@ -131,14 +131,16 @@ class Simulation:
         """What the world tells a robot about itself."""
         scenario, number = self.scenario, self.names.index(name)
         spec = scenario.robots[number]
-        x, y, theta = self._starts[number].tolist()
-        knows = scenario.starts == "known"
+        start = Pose2.from_array(self._starts[number])
+        if scenario.starts == "same":
+            start = Pose2.from_array(self._starts[0]).inverse() @ start
+        told = scenario.starts != "unknown"
         return RobotConfig(
             name=name,
             team=self.names,
             seed=scenario.seed,
             tick_s=scenario.tick_s,
-            start=PoseModel(x_m=x, y_m=y, theta_rad=theta) if knows else None,
+            start=PoseModel.of(start) if told else None,
             body=scenario.body,
             lidar=scenario.lidar,
             sightings=scenario.sightings,
@@ -188,6 +190,12 @@ class Simulation:
     def set_listening(self, name: str, listens: bool) -> None:
         """Whether a robot's radio takes in frames; those it does not are booked as absent."""
         self._listening[self.names.index(name)] = listens
+
+    def mark_alive(self, name: str) -> None:
+        """A robot that was marked dead is back; it stands where it stopped."""
+        number = self.names.index(name)
+        self._present[number] = True
+        self._finished[name] = False
 
     def halt(self, name: str) -> None:
         """Stop a robot's wheels until its next action, as for one that missed its deadline."""

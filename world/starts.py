@@ -1,5 +1,6 @@
 """Where robots start: as the scenario says, or drawn by its seed."""
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -16,6 +17,8 @@ COMFORT_M = 0.15
 APART_M = 1.0
 # Robots that are drawn into a tight place still must not touch.
 GAP_M = 0.01
+# Robots that start at the same place leave each other this much room to turn.
+BESIDE_M = 0.3
 # So many places are looked at together: a large map has millions, and few are needed.
 BLOCK = 4096
 
@@ -36,7 +39,11 @@ def place_robots(scenario: Scenario, terrain: Terrain, noise: Noise) -> FloatArr
     drawn = [name for name in names if name not in given]
     taken = np.array([pose[:2] for pose in given.values()]).reshape(-1, 2)
     rng = noise.at("*", "starts", 0)  # of the team: no robot has this name
-    poses = dict(zip(drawn, draw_starts(terrain, rng, len(drawn), radius, taken), strict=True))
+    if scenario.starts == "same":
+        rows = gather_starts(terrain, rng, len(drawn), radius, taken)
+    else:
+        rows = draw_starts(terrain, rng, len(drawn), radius, taken)
+    poses = dict(zip(drawn, rows, strict=True))
     return np.array([given[name] if name in given else poses[name] for name in names])
 
 
@@ -64,6 +71,32 @@ def draw_starts(
         if len(picked) == count:
             return np.column_stack([picked, rng.uniform(-np.pi, np.pi, count)])
     raise StartError(f"the map has no room for {count} robots of radius {radius_m:g} m")
+
+
+def gather_starts(
+    terrain: Terrain, rng: np.random.Generator, count: int, radius_m: float, taken: FloatArray
+) -> FloatArray:
+    """Poses (count×3) beside each other, or beside the first of those `taken` (k×2), all facing the
+    same way; else as `draw_starts`, and likewise raises StartError."""
+    if count == 0:
+        return np.zeros((0, 3))
+    room = terrain.room_for(radius_m + COMFORT_M)
+    first = draw_starts(terrain, rng, 1, radius_m, taken)[0]
+    middle = taken[0] if len(taken) else first[:2]
+    rows, columns = np.nonzero(room)
+    points = terrain.grid.to_points(rows, columns)
+    away = np.hypot(*(points - middle).T)
+    near = np.argsort(away, kind="stable")
+    # Around the corner is not beside: what the first one could drive to within this reach counts.
+    reach = np.zeros_like(room)
+    reach[rows, columns] = away <= 2.0 * BESIDE_M * math.sqrt(count + len(taken))
+    labels, _ = ndimage.label(reach)
+    own = labels[rows[near[0]], columns[near[0]]]
+    near = near[labels[rows[near], columns[near]] == own]
+    picked = _pick_apart(points[near], count, 2.0 * radius_m + BESIDE_M, taken)
+    if len(picked) < count:
+        raise StartError(f"the map has no room for {count} robots beside each other at {middle}")
+    return np.column_stack([picked, np.full(count, first[2])])
 
 
 def _check_given(terrain: Terrain, given: Mapping[str, FloatArray], radius_m: float) -> None:

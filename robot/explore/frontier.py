@@ -15,7 +15,7 @@ from robot.explore.planner_kernels import UNKNOWN
 
 VIEW_RADIUS_M = 2.0
 REFUSED_RADIUS_M = 0.5
-LOOKED_RADIUS_M = 0.2  # keyframes are taken this often along a way
+LOOKED_RADIUS_M = 0.3  # keyframes are taken at least this often along a way
 MIN_LENGTH_M = 0.4  # a gap that the smallest body fits through
 
 

@@ -9,7 +9,8 @@ error over a submap of 10 m is below a micrometre), so an engine and the journal
     closure   [3, of, to, pose, information]
     link      [4, of, robot, incarnation, to, pose, information, evidence]
 
-A pose is 3 float32 (x, y, θ), a symmetric 3×3 matrix 6 float32 (upper triangle, row by row).
+A pose is 3 float32 (x, y, θ). A symmetric 3×3 matrix is its Cholesky factor, 6 float16 (lower
+triangle, row by row), so that whatever the bytes, what is read has no negative eigenvalue.
 Evidence is 5 bytes: the kind, then overlap, hits, crossing and ambiguity in 255ths.
 """
 
@@ -30,7 +31,8 @@ from robot.team.journal import LogName
 from robot.team.scan_codec import MAX_BEAMS, compress_scan, decompress_scan
 
 HELLO, ANCHOR, KEYFRAME, CLOSURE, LINK = 0, 1, 2, 3, 4
-UPPER = np.triu_indices(3)
+LOWER = np.tril_indices(3)
+MAX_FLOAT16 = float(np.finfo(np.float16).max)
 
 
 @dataclass(frozen=True, slots=True)
@@ -210,7 +212,18 @@ def _pose(pose: Pose2) -> bytes:
 
 
 def _matrix(matrix: FloatArray) -> bytes:
-    return np.asarray(matrix[UPPER], dtype="<f4").tobytes()
+    factor = _cholesky(matrix)[LOWER]
+    return np.clip(factor, -MAX_FLOAT16, MAX_FLOAT16).astype("<f2").tobytes()
+
+
+def _cholesky(matrix: FloatArray) -> FloatArray:
+    """The lower factor of a 3×3 matrix, also of one that is singular."""
+    factor = np.zeros((3, 3))
+    for k in range(3):
+        below = matrix[k:, k] - factor[k:, :k] @ factor[k, :k]
+        if below[0] > 0.0:
+            factor[k:, k] = below / math.sqrt(below[0])
+    return factor
 
 
 def _shares(evidence: Evidence) -> bytes:
@@ -226,15 +239,12 @@ def _read_pose(data: object) -> Pose2:
 
 
 def _read_matrix(data: object) -> FloatArray:
-    values = np.frombuffer(_sized(data, 24), dtype="<f4").astype(np.float64)
+    values = np.frombuffer(_sized(data, 12), dtype="<f2").astype(np.float64)
     if not np.isfinite(values).all():
         raise ValueError("a matrix is not finite")
-    matrix = np.zeros((3, 3))
-    matrix[UPPER] = values
-    matrix = matrix + np.triu(matrix, 1).T
-    if (np.diag(matrix) < 0.0).any():
-        raise ValueError("a variance is negative")
-    return matrix
+    factor = np.zeros((3, 3))
+    factor[LOWER] = values
+    return factor @ factor.T
 
 
 def _sized(data: object, size: int | None) -> bytes:

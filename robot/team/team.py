@@ -13,14 +13,15 @@ from robot.jobs import Jobs
 from robot.slam.engine import Entry
 from robot.team.beacon import Beacon, decode_beacon, encode_beacon
 from robot.team.entries import Hello, Link, decode_entry, encode_entry
-from robot.team.gossip import ENTRIES, FRAME_OVERHEAD_BYTES, PART, Gossip
+from robot.team.gossip import Gossip
 from robot.team.joint import JointGraph, Solution, anchor_pose
-from robot.team.journal import EntryName, Journal, LogName, encode_record
+from robot.team.journal import EntryName, Journal, LogName, decode_record, encode_record
 from robot.team.meetings import Meetings
+from robot.team.parcels import ENTRIES, FRAME_OVERHEAD_BYTES, PART
 from robot.team.standing import Standing
 
 BEACON = "beacon"
-BEACON_EVERY_TICKS = 5
+BEACON_EVERY_TICKS = 10
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,6 +74,16 @@ class Team:
             name = EntryName(self.own_log, self.journal.prefix(self.own_log))
             self._remember(name, encode_entry(entry))
 
+    def recall(self, records: Sequence[bytes]) -> None:
+        """Take in what earlier lives wrote down, or heard; that is durable already."""
+        unwritten = self._records[:]
+        for record in records:
+            try:
+                self._remember(*decode_record(record))
+            except MalformedMessageError as error:
+                self._count(error.kind)
+        self._records = unwritten
+
     def take_records(self) -> list[bytes]:
         """Entries that are new since the last call, to be made durable."""
         records, self._records = self._records, []
@@ -86,7 +97,10 @@ class Team:
             try:
                 self._hear_frame(tick, frame)
             except MalformedMessageError as error:
-                self.malformed[error.kind] = self.malformed.get(error.kind, 0) + 1
+                self._count(error.kind)
+
+    def _count(self, kind: str) -> None:
+        self.malformed[kind] = self.malformed.get(kind, 0) + 1
 
     def _hear_frame(self, tick: int, frame: HeardFrame) -> None:
         if frame.sender not in self._members or frame.sender == self.own_log.robot:
@@ -98,11 +112,16 @@ class Team:
             self._meet(frame.sender, frame.sent_tick, beacon)
         elif frame.kind in (ENTRIES, PART):
             for name, body in self.gossip.hear_entries(frame.sender, frame.kind, frame.payload):
-                if name.log == self.own_log:
-                    continue  # nobody knows this life of ours better than we do
-                self._remember(name, body)
+                if name.log != self.own_log:
+                    self._remember(name, body)
+                elif not self._is_ours(name, body):
+                    self._count("impostor")
         else:
             raise MalformedMessageError("kind", f"unknown kind of frame {frame.kind!r}")
+
+    def _is_ours(self, name: EntryName, body: bytes) -> bool:
+        """Whether an entry of this life is one that this robot wrote: nobody knows that better."""
+        return name.sequence < self.journal.prefix(name.log) and self.journal.body(name) == body
 
     def _meet(self, sender: str, sent_tick: int, beacon: Beacon) -> None:
         """Write down how two robots that saw each other stood, unless both know it anyway."""
@@ -126,10 +145,10 @@ class Team:
         try:
             entry = decode_entry(self.journal.body(name), name.sequence)
         except MalformedMessageError as error:
-            self.malformed[error.kind] = self.malformed.get(error.kind, 0) + 1
+            self._count(error.kind)
             return
         if not self.graph.add(name.log, entry):
-            self.malformed["order"] = self.malformed.get("order", 0) + 1
+            self._count("order")
         self.standing.note_entry()
 
     # -- what it says

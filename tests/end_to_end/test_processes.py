@@ -16,7 +16,9 @@ import pytest
 from protocol.errors import EarshotError
 from protocol.keys import make_keys
 from protocol.messages import Report
-from robot.journal_file import read_records
+from robot.recollection import read_contents, read_records
+from robot.team.journal import LogName, decode_record
+from station.forks import forked_robots
 from station.free_port import free_port
 from station.hashes import run_hashes
 from station.hosts import Unwatched
@@ -40,30 +42,6 @@ SHORT = Scenario(
 )
 
 
-def processes() -> Iterator[tuple[int, int, str]]:
-    """Number, parent's number and name of every process."""
-    for folder in Path("/proc").iterdir():
-        if folder.name.isdigit():
-            try:
-                head, _, tail = (folder / "stat").read_text().rpartition(")")
-            except OSError:
-                continue
-            state, parent = tail.split()[:2]
-            if state != "Z":
-                yield int(folder.name), int(parent), head.partition("(")[2]
-
-
-def robots_of(pid: int) -> dict[str, int]:
-    """The live robots that a process has had forked, by name."""
-    family = list(processes())
-    servers = {number for number, parent, _ in family if parent == pid}
-    return {
-        name.removeprefix("robot "): number
-        for number, parent, name in family
-        if parent in servers and name.startswith("robot ")
-    }
-
-
 class AtTick(Unwatched):
     """Does something once, at a tick, when all robots have reported."""
 
@@ -73,7 +51,7 @@ class AtTick(Unwatched):
     def ticked(self, simulation: Simulation, reports: Mapping[str, Report]) -> None:
         del reports
         if simulation.tick == self.tick:
-            os.kill(robots_of(os.getpid())[self.robot], self.number)
+            os.kill(forked_robots(os.getpid())[self.robot], self.number)
 
 
 @contextmanager
@@ -142,7 +120,7 @@ def test_in_processes_the_run_is_the_same(inline_run: RunOutcome, tmp_path: Path
         assert robot.trajectory is not None
         assert len(records) > 0
         assert outcome.reports[name].ticks.tolist() == inline_run.reports[name].ticks.tolist()
-    assert robots_of(os.getpid()) == {}
+    assert forked_robots(os.getpid()) == {}
 
 
 @pytest.mark.parametrize("hash_seed", ["1", "77"])
@@ -163,7 +141,33 @@ def test_a_killed_robot_ends_nothing_for_the_others() -> None:
         trajectory = outcome.robots[name].trajectory
         assert trajectory is not None
         assert len(trajectory.ticks) == 301
-    assert robots_of(os.getpid()) == {}
+    assert forked_robots(os.getpid()) == {}
+
+
+def test_a_killed_robot_starts_again_and_loses_nothing(tmp_path: Path) -> None:
+    """Killed at tick 60 and started again from its journal: its new life learns from its teammate,
+    tells it what it finds itself, and both know all of its old one."""
+    scenario = SHORT.model_copy(update={"max_sim_s": 20.0})
+    killer = AtTick(60, "r2", signal.SIGKILL)
+    outcome = launch(scenario, "processes", killer, folder=tmp_path, restart=True)
+    assert outcome.exit_reason == TIME_LIMIT
+    assert outcome.simulation.alive == ("r1", "r2")
+    assert outcome.robots["r2"].note == "started again 1 times"
+    assert outcome.robots["r2"].wire is not None
+    assert all(count.sent == count.received for count in outcome.robots["r2"].wire.values())
+    trajectory = outcome.robots["r2"].trajectory
+    assert trajectory is not None
+    assert trajectory.ticks[0] > 60
+    assert trajectory.ticks[-1] == 200
+    journals = tmp_path / "journals"
+    first, second = sorted(journals.glob("r2.*.journal"), key=lambda path: path.stat().st_mtime_ns)
+    assert not read_contents(first).damaged
+    held = {decode_record(record)[0] for record in read_records(journals / "r1.0.journal")}
+    lives = {name.log for name in held if name.log.robot == "r2"}
+    assert lives == {LogName("r2", 0), LogName("r2", int(second.name.split(".")[1]))}
+    old = {decode_record(record)[0] for record in read_records(first)}
+    assert {name for name in held if name.log == LogName("r2", 0)} <= old
+    assert {name for name in old if name.log == LogName("r2", 0)} <= held
 
 
 def test_a_frozen_robot_is_stalled_and_carries_on_when_it_wakes() -> None:
@@ -171,7 +175,7 @@ def test_a_frozen_robot_is_stalled_and_carries_on_when_it_wakes() -> None:
         def ticked(self, simulation: Simulation, reports: Mapping[str, Report]) -> None:
             super().ticked(simulation, reports)
             if simulation.tick == self.tick + 20:
-                os.kill(robots_of(os.getpid())[self.robot], signal.SIGCONT)
+                os.kill(forked_robots(os.getpid())[self.robot], signal.SIGCONT)
 
     scenario = LONG.model_copy(update={"pace": PaceConfig(deadline_s=1.0)})
     outcome = launch(scenario, "processes", FreezeAndWake(40, "r2", signal.SIGSTOP))
@@ -192,7 +196,7 @@ def test_in_real_time_a_frozen_robot_stops_and_goes_on_with_what_is_new() -> Non
         def ticked(self, simulation: Simulation, reports: Mapping[str, Report]) -> None:
             super().ticked(simulation, reports)
             if simulation.tick == self.tick + 40:
-                os.kill(robots_of(os.getpid())[self.robot], signal.SIGCONT)
+                os.kill(forked_robots(os.getpid())[self.robot], signal.SIGCONT)
 
     pace = PaceConfig(mode="realtime", factor=2.0)
     scenario = LONG.model_copy(update={"max_sim_s": 20.0, "pace": pace})
@@ -237,7 +241,7 @@ def test_a_robot_frozen_for_good_is_lost_and_the_world_keeps_nothing_for_it() ->
     assert "lost" in outcome.robots["r2"].note
     # The others' history goes on growing, by some hundred bytes a tick.
     assert freeze.rss_mb[2800] - freeze.rss_mb[200] < 10.0
-    assert robots_of(os.getpid()) == {}
+    assert forked_robots(os.getpid()) == {}
 
 
 def test_an_exception_in_the_world_leaves_nothing_running() -> None:
@@ -249,13 +253,13 @@ def test_an_exception_in_the_world_leaves_nothing_running() -> None:
 
     with pytest.raises(SystemError):
         launch(LONG, "processes", Fault())
-    assert robots_of(os.getpid()) == {}
+    assert forked_robots(os.getpid()) == {}
 
 
 def test_ctrl_c_ends_the_robots_and_still_reports(tmp_path: Path) -> None:
     with earshot("run", "--headless", "--out", "out", cwd=tmp_path) as process:
         read_until(process, r"t 0:\d")
-        robots = robots_of(process.pid)
+        robots = forked_robots(process.pid)
         assert sorted(robots) == ["r1", "r2", "r3"]
         process.send_signal(signal.SIGINT)
         rest = read_until(process, "report: out")
@@ -286,4 +290,4 @@ def test_a_robot_that_cannot_start_is_quoted() -> None:
     robots = (RobotSpec(name="r1", engine="no-such-engine"),)
     with pytest.raises(EarshotError, match="no-such-engine"):
         launch(SHORT.model_copy(update={"robots": robots}), "processes")
-    assert robots_of(os.getpid()) == {}
+    assert forked_robots(os.getpid()) == {}

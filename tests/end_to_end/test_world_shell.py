@@ -1,7 +1,8 @@
 """The world's shell against robots that do nothing, or not what they should."""
 
+import logging
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 
 import numpy as np
@@ -15,7 +16,6 @@ from protocol.interrupt import Interrupt
 from protocol.messages import (
     Action,
     DriveCommand,
-    Ended,
     GridPatch,
     LiveRadio,
     LiveScore,
@@ -28,7 +28,7 @@ from protocol.messages import (
 )
 from protocol.topics import ACT, ENDED, RADIO, ROBOT_ALIVE, SCORE, SENSE, TRUTH
 from robot.jobs import Jobs
-from robot.process import Farewell, Mind, run_robot
+from robot.process import Farewell, Mind, WorldMissingError, run_robot
 from station.host_memory import play_in_memory
 from station.hosts import Unwatched
 from world.process import INTERRUPTED, WorldProcess
@@ -49,6 +49,9 @@ class IdleMind:
         self.senses: list[Sense] = []
         self.heard = 0
         self.before: Callable[[Sense], None] | None = None
+
+    def remember(self, records: Sequence[bytes]) -> None:
+        del records
 
     def step(self, sense: Sense) -> Action:
         if self.before is not None:
@@ -291,28 +294,32 @@ def test_who_does_not_come_is_named() -> None:
     assert farewells == {"r1": Farewell.ENDED}
 
 
-def test_who_comes_back_after_it_was_given_up_is_sent_home() -> None:
-    """r2 is played by hand: it answers twice, vanishes, and appears again."""
+def test_who_comes_back_after_it_was_given_up_takes_part_again() -> None:
+    """r2 is played by hand: it answers twice, vanishes, appears again and goes on answering."""
     simulation = Simulation(scenario())
-    outcome: list[object] = []
+    answered: list[int] = []
 
     with open_bus(BusConfig.memory()) as bus:
         inbox = bus.inbox()
         inbox.subscribe(SENSE, "r2")
         inbox.subscribe(ENDED, "r2")
 
+        def answer_next() -> bool:
+            event = inbox.get(JOIN_S)
+            if not isinstance(event, Arrival) or not isinstance(event.message, Sense):
+                return False
+            answered.append(event.message.tick)
+            bus.publish(ACT, Action(tick=event.message.tick), "r2")
+            return True
+
         def be_r2() -> None:
             bus.declare_alive(ROBOT_ALIVE, "r2")
-            for _ in range(2):
-                event = inbox.get(JOIN_S)
-                assert isinstance(event, Arrival)
-                assert isinstance(event.message, Sense)
-                bus.publish(ACT, Action(tick=event.message.tick), "r2")
+            assert answer_next()
+            assert answer_next()
             bus.withdraw(ROBOT_ALIVE, "r2")
             bus.declare_alive(ROBOT_ALIVE, "r2")
-            while isinstance(event, Arrival) and not isinstance(event.message, Ended):
-                event = inbox.get(JOIN_S)
-            outcome.append(event.message if isinstance(event, Arrival) else None)
+            while answer_next():
+                pass
 
         hand = threading.Thread(target=be_r2)
         world = WorldProcess(simulation, bus, Unwatched(), Interrupt())
@@ -320,10 +327,43 @@ def test_who_comes_back_after_it_was_given_up_is_sent_home() -> None:
             hand.start()
             world.run()
             hand.join(JOIN_S)
-    assert simulation.alive == ("r1",)
-    (last_word,) = outcome
-    assert isinstance(last_word, Ended)
-    assert last_word.reason == "it was given up for lost"
+    assert simulation.alive == ("r1", "r2")
+    assert world.roster.links["r2"].note == "started again 1 times"
+    assert answered[:2] == [0, 1]
+    assert answered[-1] > 2
+
+
+def test_a_second_robot_of_a_name_is_not_let_in(caplog: pytest.LogCaptureFixture) -> None:
+    simulation = Simulation(scenario(seconds=6.0, mode="realtime", factor=2.0))
+    refused: list[str] = []
+
+    with open_bus(BusConfig.memory()) as bus:
+
+        def intrude() -> None:
+            try:
+                run_robot(bus, "r1", IdleMind, Interrupt(), world_wait_s=0.3)
+            except WorldMissingError as error:
+                refused.append(str(error))
+
+        intruder = threading.Thread(target=intrude)
+
+        class Intruded(Unwatched):
+            def ticked(self, simulation: Simulation, reports: Mapping[str, Report]) -> None:
+                del reports
+                if simulation.tick == 10:
+                    intruder.start()
+
+        world = WorldProcess(simulation, bus, Intruded(), Interrupt())
+        with robot_threads(bus, "r1", "r2"), caplog.at_level(logging.WARNING):
+            world.run()
+        intruder.join(JOIN_S)
+    (said,) = refused
+    assert "no other r1 there already" in said
+    assert sum("a second r1 asks" in message for message in caplog.messages) == 1
+    assert simulation.alive == ("r1", "r2")
+    trajectory = world.replies["r1"].trajectory
+    assert trajectory is not None
+    assert trajectory.ticks[-1] == 60
 
 
 def test_who_listens_is_told_of_truth_radio_and_score() -> None:

@@ -10,9 +10,10 @@ from hypothesis import strategies as st
 from maps.grid import OccupancyGrid
 from maps.library import load_map
 from protocol.config import PoseModel
-from protocol.pose import FloatArray
+from protocol.pose import FloatArray, Pose2
 from world.noise import Noise
 from world.scenario import RobotSpec, Scenario
+from world.simulation import Simulation
 from world.starts import APART_M, COMFORT_M, StartError, draw_starts, place_robots
 from world.terrain import Terrain
 
@@ -146,3 +147,21 @@ def test_real_maps_have_room_for_a_team(real_grid: OccupancyGrid) -> None:
     assert reach.sum() * real_grid.resolution**2 > 100.0
     for x, y, _ in starts:
         assert not terrain.disc_overlaps(x, y, RADIUS_M + COMFORT_M - 1e-9)
+
+
+def test_robots_that_start_at_the_same_place_stand_beside_each_other() -> None:
+    robots = tuple(RobotSpec(name=f"r{n + 1}") for n in range(4))
+    scenario = Scenario(map="office", robots=robots, starts="same", seed=5)
+    simulation = Simulation(scenario)
+    starts = simulation.starts
+    apart = np.hypot(*(starts[:, None, :2] - starts[None, :, :2]).transpose(2, 0, 1))
+    assert apart.max() < 2.0
+    assert apart[~np.eye(4, dtype=bool)].min() >= 2.0 * scenario.body.radius_m
+    assert np.ptp(starts[:, 2]) == 0.0
+    told = [simulation.robot_config(name).start for name in simulation.names]
+    assert told[0] is not None
+    assert np.allclose(told[0].to_pose().to_array(), 0.0)
+    T_world_first = Pose2.from_array(starts[0])
+    for start, true in zip(told, starts, strict=True):
+        assert start is not None
+        assert np.allclose((T_world_first @ start.to_pose()).to_array(), true)
