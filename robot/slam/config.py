@@ -74,7 +74,7 @@ class RevisitConfig(Model):
     max_tries: int = Field(4, ge=1, description="submaps tried at once")
     place_m: float = Field(0.5, gt=0.0, description="size of a place that keyframes are counted in")
     place_rad: float = Field(math.radians(90.0), gt=0.0)
-    enough_keyframes: int = Field(8, ge=1, description="keyframes kept for good of one place")
+    enough_keyframes: int = Field(5, ge=1, description="keyframes kept for good of one place")
 
 
 class GraphSlamConfig(Model):
