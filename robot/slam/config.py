@@ -13,8 +13,8 @@ class FrontEndConfig(Model):
     usable_range_m: float = Field(20.0, gt=1.0, le=100.0, description="longer returns are ignored")
     keyframe_m: float = Field(0.15, gt=0.0, description="motion until a scan is drawn again")
     keyframe_rad: float = Field(math.radians(8.0), gt=0.0)
-    journal_m: float = Field(0.45, gt=0.0, description="motion until a keyframe is kept for good")
-    journal_rad: float = Field(math.radians(27.0), gt=0.0)
+    journal_m: float = Field(0.3, gt=0.0, description="motion until a keyframe is kept for good")
+    journal_rad: float = Field(math.radians(18.0), gt=0.0)
     submap_keyframes: int = Field(30, ge=4, description="keyframes of a full submap")
     submap_m: float = Field(8.0, gt=0.5, description="travel of a full submap")
     lost_score: float = Field(
@@ -74,7 +74,7 @@ class RevisitConfig(Model):
     max_tries: int = Field(4, ge=1, description="submaps tried at once")
     place_m: float = Field(0.5, gt=0.0, description="size of a place that keyframes are counted in")
     place_rad: float = Field(math.radians(90.0), gt=0.0)
-    enough_keyframes: int = Field(5, ge=1, description="keyframes kept for good of one place")
+    enough_keyframes: int = Field(8, ge=1, description="keyframes kept for good of one place")
 
 
 class GraphSlamConfig(Model):
