@@ -1,24 +1,29 @@
 """`earshot slam LOG`: SLAM on the log of a real robot."""
 
 import argparse
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from station.options import SubParsers, add_command
 
 if TYPE_CHECKING:
-    from station.replay import ReplaySettings
+    from protocol.pose import Pose2
+    from station.replay import ReplaySettings, Whereabouts
 
 EXAMPLES = """examples:
   earshot slam intel.clf
   earshot slam intel.clf.gz --relations intel.relations --json metrics.json
   earshot slam synth.clf --reference synth.truth.tum --reverse
+  earshot slam monday.clf --out monday
+  earshot slam tuesday.clf --map monday/map.earshot --localise --start unknown
   earshot slam intel.clf --odometry-scale 1.15 --turn-error 0.09 --range-noise 0.02 --seed 3
 
 LOG is a CARMEN log with FLASER or ROBOTLASER lines, plain or gzipped, or a ROS bag (a rosbag2
 folder, .mcap, .db3 or .bag; needs pip install "earshot-slam[rosbag]"). The folder that is written
-holds metrics.json and .txt, trajectory.tum, odometry.tum, graph.g2o, map.yaml with map.pgm, and
-map.png.
+holds metrics.json and .txt, trajectory.tum, odometry.tum, graph.g2o, map.yaml with map.pgm, map.png
+and map.earshot, which --map takes. With --localise nothing is mapped: the robot follows where it is
+in the map, from --start on, which is its origin or, where nobody knows, found out while it drives.
 
 exit codes: 0 done, 2 an error, 130 interrupted"""
 
@@ -35,6 +40,14 @@ def add_parser(commands: SubParsers) -> None:
     )
     parser.add_argument(
         "--reference", type=Path, metavar="FILE", help="a .tum trajectory to measure by"
+    )
+    known = parser.add_argument_group("in a known map")
+    known.add_argument(
+        "--map", type=Path, metavar="MAP", help="map.earshot of a run, or a map_server .yaml"
+    )
+    known.add_argument("--localise", action="store_true", help="follow the robot, map nothing")
+    known.add_argument(
+        "--start", metavar="X,Y,DEG", help="its first pose in the map (default 0,0,0), or unknown"
     )
     read = parser.add_argument_group("what is read, where a log holds more than one")
     read.add_argument("--laser", metavar="KEYWORD", help="of a CARMEN log: FLASER, ROBOTLASER1, …")
@@ -78,13 +91,14 @@ def run(args: argparse.Namespace) -> int:
     from station.warm_up import ensure_warm
 
     settings = _settings(args)
+    whereabouts = _whereabouts(args)
     log = read_log(args.log, Channels(args.laser, args.scan_topic, args.odom_topic))
     relations = read_relations(args.relations) if args.relations else None
     reference = read_tum(args.reference) if args.reference else None
     folder = run_folder(args.out)
     ensure_warm()
     with progress_bar(args.log.name) as progress:
-        replay = play(log, settings, progress)
+        replay = play(log, settings, progress, whereabouts)
     metrics = measure_replay(
         args.log,
         settings,
@@ -99,6 +113,34 @@ def run(args: argparse.Namespace) -> int:
     print(replay_table(metrics))
     print(f"report: {folder}  picture: {folder / PICTURE}", flush=True)
     return 0
+
+
+def _whereabouts(args: argparse.Namespace) -> "Whereabouts | None":
+    """The known map and the start in it, if the robot is to be localised."""
+    from station.known_maps import read_known_map
+    from station.replay import ReplayError, Whereabouts
+
+    if args.map is None and not args.localise and args.start is None:
+        return None
+    if args.map is None or not args.localise:
+        raise ReplayError("--map MAP, --localise and --start go together: a map to be localised in")
+    start = _start(args.start or "0,0,0")
+    return Whereabouts(read_known_map(args.map), start)
+
+
+def _start(text: str) -> "Pose2 | None":
+    from protocol.pose import Pose2, wrap_angle
+    from station.replay import ReplayError
+
+    if text == "unknown":
+        return None
+    try:
+        x, y, degrees = (float(word) for word in text.split(","))
+        if not all(math.isfinite(value) for value in (x, y, degrees)):
+            raise ValueError
+    except ValueError:
+        raise ReplayError(f"--start: expected X,Y,DEG or unknown, got {text!r}") from None
+    return Pose2(x, y, wrap_angle(math.radians(degrees)))
 
 
 def _settings(args: argparse.Namespace) -> "ReplaySettings":

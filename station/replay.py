@@ -17,10 +17,13 @@ from protocol.errors import EarshotError
 from protocol.model import Model
 from protocol.pose import IDENTITY, FloatArray, Pose2, compose, invert
 from robot.jobs import Jobs
+from robot.localisation.known_map import KnownMap
+from robot.localisation.localiser import Localiser
 from robot.perception.odometry import Motion
 from robot.perception.scan import LaserScan, beam_angles, perceive
-from robot.slam.engine import Entry, GraphSnapshot, Keyframe
+from robot.slam.engine import Engine, Entry, GraphSnapshot, Keyframe
 from robot.slam.engines import make_engine
+from robot.slam.saved_map import SavedMap
 from station.along_odometry import follow_odometry
 from station.scan_log import LoggedScan, ScanLog, Scanner
 
@@ -50,12 +53,33 @@ class ReplaySettings(Model):
 
 
 @dataclass(frozen=True, slots=True)
+class Whereabouts:
+    """To be localised in a known map instead of mapping: where the robot starts (`T_map_base`), or
+    None when nobody knows."""
+
+    known: KnownMap
+    start: Pose2 | None = IDENTITY
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """How localisation went: the played scan from which on the place was known first (None: never),
+    the way to there (m), and how often it was lost again. `settled` at the end."""
+
+    settled: bool
+    scan: int | None
+    driven_m: float
+    losses: int
+
+
+@dataclass(frozen=True, slots=True)
 class Replay:
     """What came of a log: n scans in the order of their stamps, of which m were played.
 
     `odometry` and `poses` (n×3): the wheels' and the final estimate of every scan; poses of scans
     that were not played follow the odometry between those that were. `online` (m×3) is what the
     engine said at once. `keyframes` are (pose, scan). `step_s` (m): time for each played scan.
+    `saved` is the map as it can be kept, `found` how it went in a known one.
     """
 
     stamps: FloatArray
@@ -70,6 +94,8 @@ class Replay:
     step_s: FloatArray
     wall_s: float
     lidar: LidarConfig
+    saved: SavedMap | None
+    found: Found | None
 
 
 def lidar_of(beams: int, settings: ReplaySettings, scanner: Scanner | None = None) -> LidarConfig:
@@ -110,8 +136,13 @@ def raw_motion(T_before_now: Pose2) -> Motion:
     return Motion(T_before_now, np.diag([along**2, across**2, turned**2]))
 
 
-def play(log: ScanLog, settings: ReplaySettings, progress: Progress | None = None) -> Replay:
-    """Play a log to an engine that starts with the robot at the origin.
+def play(
+    log: ScanLog,
+    settings: ReplaySettings,
+    progress: Progress | None = None,
+    whereabouts: Whereabouts | None = None,
+) -> Replay:
+    """Play a log to an engine that starts with the robot at the origin, or in a known map.
 
     The engine maps from where the laser is; poses that come back are the robot's.
 
@@ -127,7 +158,8 @@ def play(log: ScanLog, settings: ReplaySettings, progress: Progress | None = Non
     order = np.arange(len(scans))[:: -1 if settings.reverse else 1][:: settings.every]
     _rehearse(ranges, odometry, order, lidar, settings)
 
-    engine = make_engine(settings.engine, lidar, BodyConfig(), T_base_laser, Jobs())
+    engine = _engine(lidar, settings, T_base_laser, whereabouts)
+    first_settled: int | None = None
     step_s, online = np.empty(len(order)), np.empty((len(order), 3))
     before = Pose2.from_array(odometry[order[0]])
     start = time.perf_counter()
@@ -140,6 +172,8 @@ def play(log: ScanLog, settings: ReplaySettings, progress: Progress | None = Non
         before = now
         step_s[tick] = time.perf_counter() - began
         online[tick] = estimate.pose.to_array()
+        if isinstance(engine, Localiser) and engine.settled and first_settled is None:
+            first_settled = tick
         if progress is not None:
             progress(tick + 1, len(order))
     wall_s = time.perf_counter() - start
@@ -162,7 +196,30 @@ def play(log: ScanLog, settings: ReplaySettings, progress: Progress | None = Non
         step_s=step_s,
         wall_s=wall_s,
         lidar=lidar,
+        saved=None if isinstance(engine, Localiser) else SavedMap.of(engine),
+        found=_found(engine, first_settled, wheels[order]),
     )
+
+
+def _engine(
+    lidar: LidarConfig,
+    settings: ReplaySettings,
+    T_base_laser: Pose2,
+    whereabouts: Whereabouts | None,
+) -> Engine:
+    if whereabouts is None:
+        return make_engine(settings.engine, lidar, BodyConfig(), T_base_laser, Jobs())
+    start = whereabouts.start
+    return Localiser(whereabouts.known, lidar, None if start is None else start @ T_base_laser)
+
+
+def _found(engine: Engine, first: int | None, odometry: FloatArray) -> Found | None:
+    """How localisation went, if that is what the engine did; odometry (m×3) as played."""
+    if not isinstance(engine, Localiser):
+        return None
+    steps = np.diff(odometry[: None if first is None else first + 1, :2], axis=0)
+    driven_m = float(np.hypot(steps[:, 0], steps[:, 1]).sum())
+    return Found(engine.settled, first, driven_m, engine.losses)
 
 
 def moved(poses: FloatArray, T: Pose2) -> FloatArray:

@@ -3,8 +3,10 @@
 from pathlib import Path
 
 import numpy as np
+from pydantic import Field
 
 from maps.grid import OccupancyGrid, write_map
+from maps.pixels import write_whole
 from protocol.model import Model
 from protocol.pose import IDENTITY, FloatArray
 from robot.mapping.occupancy import OccupancyMap
@@ -25,15 +27,25 @@ from station.pictures import (
     show_cells,
 )
 from station.relations import ReferenceErrors, RelationErrors
-from station.replay import Replay, ReplaySettings
+from station.replay import Found, Replay, ReplaySettings
 from station.wording import clock_time
 
 PICTURE = "map.png"
+SAVED_MAP = "map.earshot"
 RESOLUTION_M = 0.05
 MARGIN_M = 0.6
 HEAD_PX = 100
 MAX_MAP_PX = 1500
 UPPER = np.triu_indices(3)
+
+
+class LocalisationMetrics(Model):
+    """How localisation in a known map went, see `station.replay.Found`."""
+
+    settled: bool
+    first_settled_scan: int | None
+    first_settled_m: float | None
+    losses: int
 
 
 class ReplayMetrics(Model):
@@ -54,6 +66,8 @@ class ReplayMetrics(Model):
     peak_rss_mb: float | None
     loop_closures: int
     anchors: int
+    map_hash: str | None = Field(description="of the saved map; None where none was made")
+    localisation: LocalisationMetrics | None = None
 
 
 def measure_replay(
@@ -80,6 +94,17 @@ def measure_replay(
         peak_rss_mb=peak_rss_mb(),
         loop_closures=replay.loop_closures,
         anchors=len(replay.graph.nodes),
+        map_hash=replay.saved.digest() if replay.saved else None,
+        localisation=_localisation(replay.found) if replay.found else None,
+    )
+
+
+def _localisation(found: Found) -> LocalisationMetrics:
+    return LocalisationMetrics(
+        settled=found.settled,
+        first_settled_scan=found.scan,
+        first_settled_m=None if found.scan is None else found.driven_m,
+        losses=found.losses,
     )
 
 
@@ -94,6 +119,11 @@ def replay_table(metrics: ReplayMetrics) -> str:
         ("a scan takes", f"{metrics.ms_per_scan:.2f} ms"),
         ("slowest scans", f"p99.9 {metrics.ms_p999:.1f} ms, worst {metrics.ms_max:.1f} ms"),
     ]
+    if (place := metrics.localisation) is not None:
+        known = "undecided where it is"
+        if place.first_settled_m is not None:
+            known = f"known from {place.first_settled_m:.1f} m on, lost {place.losses} times"
+        rows.append(("place", known))
     if metrics.peak_rss_mb is not None:
         rows.append(("peak memory", f"{metrics.peak_rss_mb:.0f} MB"))
     if (found := metrics.relations) is not None:
@@ -114,12 +144,14 @@ def replay_table(metrics: ReplayMetrics) -> str:
 
 def write_replay(replay: Replay, metrics: ReplayMetrics, folder: Path) -> None:
     """Write metrics.json and .txt, trajectory.tum, odometry.tum, graph.g2o, map.yaml with map.pgm,
-    and the picture."""
+    the picture, and the map as it can be loaded again."""
     write_text(folder / "metrics.json", metrics.model_dump_json(indent=2) + "\n")
     write_text(folder / "metrics.txt", replay_table(metrics))
     write_tum(Trajectory(replay.stamps, replay.poses), folder / "trajectory.tum")
     write_tum(Trajectory(replay.stamps, replay.odometry), folder / "odometry.tum")
     write_g2o(_pose_graph(replay.graph), folder / "graph.g2o")
+    if replay.saved is not None:
+        write_whole(folder / SAVED_MAP, replay.saved.encode())
     grid = draw_map(replay)
     if grid.cells.size:
         write_map(grid, folder / "map.yaml")

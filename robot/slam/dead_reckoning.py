@@ -57,6 +57,9 @@ class DeadReckoning:
     def submaps(self) -> tuple[PackedSubmap, ...]:
         return ()
 
+    def mapped(self) -> tuple[PackedSubmap, ...]:
+        return ()
+
     def trajectory(self, anchors: FloatArray | None = None) -> FloatArray:
         return self._trajectory.poses(self.anchors if anchors is None else anchors)
 

@@ -106,6 +106,9 @@ class Engine(Protocol):
     def submaps(self) -> "tuple[PackedSubmap, ...]":
         """The finished submaps, oldest first, in which others' scans can be found again."""
 
+    def mapped(self) -> "tuple[PackedSubmap, ...]":
+        """All submaps as they are now: those that are finished, and the one being filled."""
+
     def trajectory(self, anchors: FloatArray | None = None) -> FloatArray:
         """The pose at every step so far (n×3), as optimised now, or with its anchors elsewhere
         (m×3, all of them)."""

@@ -5,6 +5,7 @@ submaps (a job); what is found and verified ties anchors together, and the graph
 optimised in the same job. Nothing but anchors is moved by that: all else is relative to them.
 """
 
+import dataclasses
 import math
 from dataclasses import dataclass
 
@@ -100,6 +101,13 @@ class GraphSlam:
     @property
     def submaps(self) -> tuple[PackedSubmap, ...]:
         return self._candidates.submaps
+
+    def mapped(self) -> tuple[PackedSubmap, ...]:
+        current = self._front_end.current
+        if current.finished:
+            return self.submaps
+        filling = dataclasses.replace(current, field=current.field.cropped())
+        return (*self.submaps, PackedSubmap.of(filling))
 
     def trajectory(self, anchors: FloatArray | None = None) -> FloatArray:
         return self._trajectory.poses(self.anchors if anchors is None else anchors)

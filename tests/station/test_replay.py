@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from protocol.pose import IDENTITY, FloatArray, Pose2, compose, invert
+from robot.slam.saved_map import SavedMap
 from station.along_odometry import follow_odometry
 from station.formats import FormatError, Trajectory, read_g2o, read_tum
 from station.main import main
@@ -199,6 +200,51 @@ def test_the_command_writes_its_folder(tmp_path: Path, capsys: pytest.CaptureFix
         json.loads((out / "metrics.json").read_text())["reference"]
     )
     assert again.ate_rmse_m < 0.05
+
+
+def test_a_saved_map_is_one_to_be_localised_in(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    scans, _ = drive()
+    log, first, second = tmp_path / "room.clf", tmp_path / "first", tmp_path / "second"
+    log.write_text(as_log(scans))
+    assert main(["slam", str(log), "--out", str(first)]) == 0
+    saved = SavedMap.decode((first / "map.earshot").read_bytes())
+    assert json.loads((first / "metrics.json").read_text())["map_hash"] == saved.digest()
+    for known, start in (("map.earshot", "0,0,0"), ("map.yaml", "0,0,0"), ("map.earshot", None)):
+        asked = ["--map", str(first / known), "--localise"]
+        asked += ["--start", start] if start else []
+        reference = ["--reference", str(first / "trajectory.tum")]
+        assert main(["slam", str(log), *asked, *reference, "--out", str(second)]) == 0
+        told = json.loads((second / "metrics.json").read_text())
+        assert told["map_hash"] is None
+        assert told["anchors"] == 1
+        assert told["localisation"]["settled"]
+        assert told["localisation"]["losses"] == 0
+        assert told["ate_rmse_m"] < 0.03
+    # A bare room is its own twin.
+    unknown = ["--map", str(first / "map.earshot"), "--localise", "--start", "unknown"]
+    assert main(["slam", str(log), *unknown, "--out", str(second)]) == 0
+    assert "undecided where it is" in capsys.readouterr().out
+
+
+def test_what_is_no_known_map_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log, other = tmp_path / "room.clf", tmp_path / "other.earshot"
+    log.write_text(as_log(drive(5)[0]))
+    other.write_bytes(b"anything")
+    for extra, says in (
+        (["--map", str(other), "--localise"], "other.earshot: no saved map"),
+        (["--map", str(tmp_path / "none.earshot"), "--localise"], "cannot be read"),
+        (["--map", str(other)], "--localise and --start go together"),
+        (["--localise"], "--localise and --start go together"),
+        (["--map", str(other), "--localise", "--start", "here"], "--start: expected X,Y,DEG"),
+    ):
+        assert main(["slam", str(log), *extra, "--out", str(tmp_path / "out")]) == 2
+        said = capsys.readouterr().err.strip()
+        assert says in said
+        assert said.count("\n") == 0
 
 
 @pytest.mark.parametrize(

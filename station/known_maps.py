@@ -1,0 +1,28 @@
+"""Files of known maps: those that `earshot slam` saves, and map_server's."""
+
+from pathlib import Path
+
+from maps.grid import read_map
+from protocol.errors import EarshotError
+from robot.localisation.known_map import KnownMap, KnownMapError
+from robot.slam.saved_map import SavedMap, SavedMapError
+
+
+class KnownMapFileError(EarshotError):
+    """A file in which no robot can be localised; the message names it and says why."""
+
+
+def read_known_map(path: Path) -> KnownMap:
+    """The map in a file: a map_server .yaml, or a saved map (docs/map-format.md).
+
+    Raises KnownMapFileError, and MapFileError for a map_server file that cannot be read.
+    """
+    try:
+        if path.suffix in (".yaml", ".yml"):
+            return KnownMap.of_grid(read_map(path))
+        saved = SavedMap.decode(path.read_bytes())
+        return KnownMap.of_submaps(saved.submaps, saved.graph.nodes)
+    except OSError as error:
+        raise KnownMapFileError(f"{path}: cannot be read ({error.strerror})") from error
+    except (SavedMapError, KnownMapError) as error:
+        raise KnownMapFileError(f"{path}: {error}") from error
