@@ -55,7 +55,6 @@ def test_a_robot_is_followed_in_a_saved_map(known: KnownMap, way: Any) -> None:
 
 def test_from_an_unknown_start_the_way_is_told_to_its_beginning(known: KnownMap, way: Any) -> None:
     localiser = Localiser(known, way.lidar, None)
-    assert not localiser.settled
     follow(localiser, way, first=100)
     assert localiser.settled
     errors = np.hypot(*(localiser.trajectory() - way.truth[100:])[:, :2].T)
