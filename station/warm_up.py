@@ -93,10 +93,10 @@ def _compiled() -> int:
 
 
 def _call_kernels() -> None:
-    """A team in small rooms, one robot on a ring with loops to close and a given start, and a
-    graph by itself."""
+    """A team in small rooms, one robot on a ring with loops to close and a given start, one in a
+    known map, and a graph by itself."""
     from protocol.interrupt import Interrupt
-    from station.graph_solution import load_kernels
+    from station import graph_solution, known_maps
     from station.host_inline import play_inline
     from station.hosts import Unwatched
     from world.scenario import RobotSpec, Scenario
@@ -108,4 +108,5 @@ def _call_kernels() -> None:
     alone = RobotSpec(name="r1", start=start)
     ring = Simulation(Scenario(map="loop", robots=(alone,), max_sim_s=120.0))
     play_inline(ring, Unwatched(), Interrupt())
-    load_kernels()
+    known_maps.load_kernels()
+    graph_solution.load_kernels()
