@@ -21,7 +21,7 @@ from protocol.model import Model
 from robot.brain import Brain
 from station.memory_use import MemorySample, memory_sample
 from station.warm_up import ensure_warm
-from studies.command import aligned, study_parser, write_figures
+from studies.command import aligned, one_line_errors, study_parser, write_figures
 from world.accuracy import align, distances, match, rmse
 from world.scenario import RobotSpec, Scenario
 from world.simulation import Simulation
@@ -111,31 +111,27 @@ def summary(samples: list[Sample]) -> dict[str, Any]:
     }
 
 
+@one_line_errors
 def main(argv: list[str] | None = None) -> int:
     parser = study_parser("studies.lifelong", __doc__)
     parser.add_argument("--hours", type=float, default=2.0, metavar="H", help="simulated")
     parser.add_argument("--map", default="office")
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args(argv)
+    ensure_warm()
+    scenario = Scenario(
+        map=arguments.map,
+        seed=arguments.seed,
+        robots=(RobotSpec(name="r1", policy="patrol"),),
+        # A little more, so that the last sample is of the full time.
+        max_sim_s=3600.0 * arguments.hours + 1.0,
+    )
     samples: list[Sample] = []
-    try:
-        ensure_warm()
-        scenario = Scenario(
-            map=arguments.map,
-            seed=arguments.seed,
-            robots=(RobotSpec(name="r1", policy="patrol"),),
-            # One tick more, so that the last sample is of the full time.
-            max_sim_s=3600.0 * arguments.hours + 1.0,
-        )
-        for sample in patrol(scenario):
-            samples.append(sample)
-            print(_line(sample), flush=True)
-    except EarshotError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
+    for sample in patrol(scenario):
+        samples.append(sample)
+        print(_line(sample), flush=True)
     if not samples:
-        print(f"error: nothing to tell of less than {SAMPLE_EVERY_S:g} s", file=sys.stderr)
-        return 2
+        raise EarshotError(f"nothing to tell of less than {SAMPLE_EVERY_S:g} s")
     figures = summary(samples)
     rows = [
         (label, f"{figures[name][0]:.4g} → {figures[name][1]:.4g}")

@@ -20,14 +20,13 @@ import numpy as np
 from maps.grid import OccupancyGrid
 from maps.library import load_map
 from protocol.config import BodyConfig, LidarConfig
-from protocol.errors import EarshotError
 from protocol.pose import FloatArray, Pose2, wrap_angle
-from robot.localisation.hypotheses import GlobalLocaliser
+from robot.localisation.hypotheses import GlobalLocaliser, Hypothesis
 from robot.localisation.known_map import KnownMap
 from robot.perception.odometry import WheelOdometry
 from robot.perception.scan import LaserScan, perceive
 from station.warm_up import ensure_warm
-from studies.command import aligned, study_parser, write_figures
+from studies.command import aligned, one_line_errors, study_parser, write_figures
 from world.drive import Drives
 from world.lidar import Lidars
 from world.noise import Noise
@@ -83,7 +82,7 @@ def locate(
     }
 
 
-def _verdict(found: "list[Any]", truth: FloatArray) -> str:
+def _verdict(found: list[Hypothesis], truth: FloatArray) -> str:
     if not found:
         return "undecided"
     pose, true = found[0].pose, Pose2.from_array(truth)
@@ -133,6 +132,7 @@ def measure(grid: OccupancyGrid, starts: int, drive_m: float, seed: int) -> dict
     }
 
 
+@one_line_errors
 def main(argv: list[str] | None = None) -> int:
     parser = study_parser("studies.localisation", __doc__)
     parser.add_argument("--maps", default="office", help="shipped maps or map_server files, by ,")
@@ -140,16 +140,12 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--drive", type=float, default=5.0, metavar="METRES")
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args(argv)
+    ensure_warm()
     figures: dict[str, Any] = {}
-    try:
-        ensure_warm()
-        for name in arguments.maps.split(","):
-            print(f"  {name}", flush=True)
-            grid = load_map(name)
-            figures[name] = measure(grid, arguments.starts, arguments.drive, arguments.seed)
-    except EarshotError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
+    for name in arguments.maps.split(","):
+        print(f"  {name}", flush=True)
+        grid = load_map(name)
+        figures[name] = measure(grid, arguments.starts, arguments.drive, arguments.seed)
     for name, result in figures.items():
         print(name)
         told = {key: value for key, value in result.items() if key != "trials"}
