@@ -40,6 +40,11 @@ class Returns:
         """n×2, m."""
         return self.values[:, :2]
 
+    @property
+    def median_range_m(self) -> float:
+        """How far away they are, half of them farther."""
+        return float(returns_kernels.median_range(self.values))
+
     def thinned(self, limit: int) -> "Returns":
         """At most `limit` of the returns, spread evenly over the weight, for a search."""
         weight = self.values[:, 4]

@@ -160,3 +160,12 @@ def _grazing_normal(out, before, k, after):
     if along <= 0.0 or along >= length or abs(across) > 0.02 * length + 3.0 * out[k, 5]:
         return 0.0, 0.0
     return -dy / length, dx / length
+
+
+@kernel
+def median_range(returns):
+    """Median distance of returns (n×6, n > 0) from the robot."""
+    ranges = np.empty(returns.shape[0])
+    for k in range(returns.shape[0]):
+        ranges[k] = math.sqrt(returns[k, 0] ** 2 + returns[k, 1] ** 2)
+    return np.median(ranges)

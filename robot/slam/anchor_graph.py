@@ -8,7 +8,8 @@ import numpy.typing as npt
 from protocol.pose import FloatArray, Pose2
 from robot.slam.engine import Closure, GraphSnapshot
 from robot.slam.gaussian import carry, invert_spd
-from robot.slam.pose_graph import marginal_covariance, optimise
+from robot.slam.normal_equations import NormalEquations
+from robot.slam.pose_graph import minimise
 
 FIRST_CAPACITY = 256
 CAUCHY_SQUARED = 9.0
@@ -142,18 +143,11 @@ def optimise_anchors(
     robust = np.concatenate([robust, np.ones(len(closures), dtype=np.bool_)])
     fixed = np.zeros(len(graph.nodes), dtype=np.bool_)
     fixed[0] = True
-    solution = optimise(
-        graph.nodes,
-        edge_nodes,
-        measurements,
-        information,
-        fixed,
-        robust,
-        max_iterations=max_iterations,
-        cauchy_squared=CAUCHY_SQUARED,
+    problem = NormalEquations(
+        graph.nodes, edge_nodes, measurements, information, fixed, robust, CAUCHY_SQUARED
     )
-    last = len(solution.nodes) - 1
-    covariance = marginal_covariance(
-        solution.nodes, edge_nodes, measurements, information, fixed, last, robust
-    )
+    solution = minimise(problem, problem.nodes, max_iterations)
+    problem.linearise(solution.nodes)
+    problem.factorise()
+    covariance = problem.covariance(len(solution.nodes) - 1)
     return Optimised(solution.nodes, covariance)

@@ -1,8 +1,10 @@
 """Which finished submaps a scan is looked for in, and how widely."""
 
 import numpy as np
+import numpy.typing as npt
 
-from protocol.pose import FloatArray, Pose2, compose, invert
+from protocol.pose import FloatArray, Pose2
+from robot.slam import candidate_kernels
 from robot.slam.config import ClosureConfig
 from robot.slam.engine import Closure
 from robot.slam.loop_closure import Candidate
@@ -21,7 +23,9 @@ class CandidateFinder:
         self._submaps: list[PackedSubmap] = []
         self._unpacked: dict[int, Submap] = {}  # by place, the last one used at the end
         self._indices = np.zeros(0, dtype=np.int64)
-        self._circles = np.zeros((0, 3))  # centre and radius of their ways, in their frames
+        self._ways = np.zeros((0, 2))  # one after the other, in their frames
+        self._way_starts: npt.NDArray[np.int64] = np.zeros(1, dtype=np.int64)
+        self._circles = np.zeros((0, 3))  # centre and radius of each
         self._untied_m = 0.0
         self._last: tuple[int, Pose2] | None = None
         self._since = 0
@@ -40,6 +44,8 @@ class CandidateFinder:
         centre = 0.5 * (packed.way.min(axis=0) + packed.way.max(axis=0))
         radius = np.hypot(*(packed.way - centre).T).max()
         self._indices = np.append(self._indices, submap.index)
+        self._ways = np.vstack([self._ways, packed.way])
+        self._way_starts = np.append(self._way_starts, len(self._ways))
         self._circles = np.vstack([self._circles, [*centre, radius]])
 
     def advance(self, anchor: int, T_anchor_base: Pose2) -> bool:
@@ -95,18 +101,18 @@ class CandidateFinder:
 
     def near(self, here: Pose2, nodes: FloatArray, reach_m: float) -> list[int]:
         """Places (in `submaps`) of those whose way comes within reach of `here`, nearest first."""
-        if not self._submaps:
-            return []
-        frames = nodes[self._indices]
-        local = compose(invert(frames), here.to_array())
-        apart = np.hypot(local[:, 0] - self._circles[:, 0], local[:, 1] - self._circles[:, 1])
-        found = []
-        for place in np.flatnonzero(apart - self._circles[:, 2] <= reach_m):
-            way = self._submaps[place].way
-            away = float(np.hypot(way[:, 0] - local[place, 0], way[:, 1] - local[place, 1]).min())
-            if away <= reach_m:
-                found.append((away, int(place)))
-        return [place for _, place in sorted(found)]
+        away = np.empty(len(self._submaps))
+        candidate_kernels.distances(
+            nodes[self._indices],
+            here.to_array(),
+            self._circles,
+            self._way_starts,
+            self._ways,
+            reach_m,
+            away,
+        )
+        order = np.argsort(away, kind="stable")
+        return [int(place) for place in order[: np.count_nonzero(away <= reach_m)]]
 
     def _unpack(self, place: int) -> Submap:
         """A submap to be searched, for a job too: it is not written to again."""

@@ -131,7 +131,7 @@ class FrontEnd:
         match = match_returns(submap.field, returns, self.pose, information)
         if match.reason == "few returns":
             return match
-        if self._is_vague(returns):
+        if self._is_vague(returns.median_range_m):
             half_m, half_rad = self._prior_window()
             window = Window(self.pose, half_m, half_rad)
             match = self._search(returns, match, window, 0.02, (self.pose, information))
@@ -139,9 +139,8 @@ class FrontEnd:
             return match
         return self._retry(returns, match, information)
 
-    def _is_vague(self, returns: Returns) -> bool:
-        """Whether the odometry's error may carry returns out of the reach of a climb."""
-        reach = float(np.median(np.hypot(returns.points[:, 0], returns.points[:, 1])))
+    def _is_vague(self, reach: float) -> bool:
+        """Whether the odometry's error may carry returns `reach` m away out of a climb's reach."""
         sigma_m = math.sqrt(max(self._since_match[0, 0], self._since_match[1, 1]))
         sigma_rad = math.sqrt(self._since_match[2, 2])
         return max(sigma_m, sigma_rad * reach) > VAGUE_M
