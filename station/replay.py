@@ -27,8 +27,11 @@ from robot.slam.saved_map import SavedMap
 from station.along_odometry import follow_odometry
 from station.scan_log import LoggedScan, ScanLog, Scanner
 
-# Scans that an engine of its own sees first, so that no scan of the log waits for a kernel to load.
-REHEARSAL_SCANS = 12
+# An engine of its own first drives there and back along some of the scans, until it has closed a
+# loop, so that no scan of the log waits for a kernel to be read from disk.
+REHEARSAL_SCANS = 40
+REHEARSAL_STEP_M = 0.2
+REHEARSAL_TURNS = 6
 MAX_BEAMS = 4096
 
 Progress = Callable[[int, int], None]
@@ -270,11 +273,26 @@ def _rehearse(
     settings: ReplaySettings,
 ) -> None:
     engine = make_engine(settings.engine, lidar, BodyConfig(), IDENTITY, Jobs())
-    before = Pose2.from_array(odometry[order[0]])
-    for tick, index in enumerate(order[:REHEARSAL_SCANS]):
+    way = _apart(odometry, order)
+    before = Pose2.from_array(odometry[way[0]])
+    for tick, index in enumerate((way + way[-2:0:-1]) * REHEARSAL_TURNS):
         now = Pose2.from_array(odometry[index])
         engine.step(tick, raw_motion(before.inverse() @ now), perceive(ranges[index], lidar))
         before = now
+        if engine.loop_closures > 0:
+            break
+
+
+def _apart(odometry: FloatArray, order: np.ndarray) -> list[int]:
+    """The first scans of which each is some way from the one before."""
+    chosen = [int(order[0])]
+    for index in order:
+        step = odometry[index, :2] - odometry[chosen[-1], :2]
+        if math.hypot(*step) >= REHEARSAL_STEP_M:
+            chosen.append(int(index))
+        if len(chosen) == REHEARSAL_SCANS:
+            break
+    return chosen
 
 
 def _keyframes(

@@ -129,20 +129,6 @@ class CorrelationField:
         columns, rows = cells[inside].T
         return int((self.nodes[rows, columns] >= HIT_LEVEL * 255.0).sum())
 
-    def window(self, points: FloatArray, margin_m: float) -> "CorrelationField":
-        """A view of the part that holds n×2 points (m, field frame), with a margin round them."""
-        ratio = round(FREE_RESOLUTION_M / RESOLUTION_M)
-        low = np.floor((points.min(axis=0) - margin_m - self.origin) / FREE_RESOLUTION_M)
-        high = np.ceil((points.max(axis=0) + margin_m - self.origin) / FREE_RESOLUTION_M)
-        limit = np.array(self.free.shape[::-1])
-        column0, row0 = np.clip(low, 0, limit - 2).astype(int)
-        column1, row1 = np.clip(high, 2, limit).astype(int)
-        return CorrelationField(
-            self.nodes[row0 * ratio : row1 * ratio, column0 * ratio : column1 * ratio],
-            self.free[row0:row1, column0:column1],
-            self.origin + np.array([column0, row0]) * FREE_RESOLUTION_M,
-        )
-
     def cropped(self) -> "CorrelationField":
         """The same field without the empty margin, in arrays of its own."""
         used = self.free.astype(bool)

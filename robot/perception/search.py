@@ -13,8 +13,8 @@ from protocol.pose import FloatArray, Pose2, wrap_angle
 from robot.perception import search_kernels
 from robot.perception.field import RESOLUTION_M, SIGMA_M, ByteArray, CorrelationField
 from robot.perception.returns import Returns
+from robot.perception.search_kernels import NODES_PER_CELL
 
-NODES_PER_CELL = 4
 SEARCH_RESOLUTION_M = NODES_PER_CELL * RESOLUTION_M
 MAX_LEVELS = 6
 MAX_NODES = 60_000
@@ -50,16 +50,34 @@ class Peak:
 
 @dataclass(frozen=True, slots=True)
 class Blocks:
-    """A field, and its maxima over the cells of a search (10 cm)."""
+    """A field, and its maxima over the cells of a search (10 cm), the first of them at `origin`."""
 
     field: CorrelationField
     maxima: ByteArray
+    origin: FloatArray
 
     @staticmethod
     def of(field: CorrelationField) -> "Blocks":
-        """Of a whole field, or of a window of one."""
-        nodes = np.ascontiguousarray(field.nodes)
-        return Blocks(field, search_kernels.block_maxima(nodes, NODES_PER_CELL))
+        """Of a whole field."""
+        nodes = field.nodes
+        rows, columns = (-(-extent // NODES_PER_CELL) for extent in nodes.shape)
+        maxima = search_kernels.block_maxima(nodes, 0, 0, rows, columns)
+        return Blocks(field, maxima, field.origin)
+
+    @staticmethod
+    def around(field: CorrelationField, centre: Pose2, reach_m: float) -> "Blocks":
+        """Of the part within `reach_m` of a pose in x and y."""
+        middle = np.array([centre.x, centre.y]) - field.origin
+        limit = -(-np.array(field.nodes.shape[::-1]) // NODES_PER_CELL)
+        low = np.floor((middle - reach_m) / SEARCH_RESOLUTION_M)
+        high = np.ceil((middle + reach_m) / SEARCH_RESOLUTION_M)
+        first = np.clip(low, 0, limit - 1).astype(np.int64)
+        columns, rows = np.maximum(np.clip(high, 1, limit).astype(np.int64) - first, 1)
+        column, row = first * NODES_PER_CELL
+        maxima = search_kernels.block_maxima(
+            field.nodes, int(row), int(column), int(rows), int(columns)
+        )
+        return Blocks(field, maxima, field.origin + first * SEARCH_RESOLUTION_M)
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,13 +86,15 @@ class Pyramid:
 
     field: CorrelationField
     levels: ByteArray
+    origin: FloatArray
 
     @staticmethod
     def of(blocks: Blocks, half_m: float) -> "Pyramid":
         """As many levels as a window of ± `half_m` makes use of."""
         cells = max(2.0 * half_m / SEARCH_RESOLUTION_M, 2.0)
-        levels = min(MAX_LEVELS, max(2, math.ceil(math.log2(cells))))
-        return Pyramid(blocks.field, search_kernels.build_pyramid(blocks.maxima, levels))
+        count = min(MAX_LEVELS, max(2, math.ceil(math.log2(cells))))
+        levels = search_kernels.build_pyramid(blocks.maxima, count)
+        return Pyramid(blocks.field, levels, blocks.origin)
 
 
 def search(pyramid: Pyramid, returns: Returns, window: Window, floor: float) -> Peak | None:
@@ -89,7 +109,14 @@ def search(pyramid: Pyramid, returns: Returns, window: Window, floor: float) -> 
     expected = float((SIGMA_M / np.sqrt(SIGMA_M**2 + 2.0 * sigma2)).sum())
     full = 255.0 * expected
     angles = rotations(points, window)
-    cells = _rotated_cells(points, angles, window.centre, pyramid.field.origin)
+    cells = search_kernels.rotated_cells(
+        np.ascontiguousarray(points),
+        angles,
+        window.centre.x,
+        window.centre.y,
+        pyramid.origin,
+        RESOLUTION_M,
+    )
     half = max(1, math.ceil(window.half_m / SEARCH_RESOLUTION_M))
     step = float(angles[1] - angles[0]) if len(angles) > 1 else 1.0
     best, second, nodes = search_kernels.branch_and_bound(
@@ -143,17 +170,3 @@ def rotations(points: FloatArray, window: Window) -> FloatArray:
     step = min(max(step, MIN_ANGLE_STEP_RAD), MAX_ANGLE_STEP_RAD)
     count = max(1, math.ceil(window.half_rad / step))
     return np.asarray(window.centre.theta + step * np.arange(-count, count + 1), dtype=np.float64)
-
-
-def _rotated_cells(
-    points: FloatArray, angles: FloatArray, centre: Pose2, origin: FloatArray
-) -> "np.ndarray[tuple[int, int, int], np.dtype[np.int64]]":
-    """Rows and columns (angles×n×2) of the points at each rotation about the window's centre."""
-    c, s = np.cos(angles)[:, None], np.sin(angles)[:, None]
-    x, y = points[:, 0][None, :], points[:, 1][None, :]
-    columns = (centre.x + c * x - s * y - origin[0]) / RESOLUTION_M
-    rows = (centre.y + s * x + c * y - origin[1]) / RESOLUTION_M
-    # Search cell k holds the nodes n·k … n·k + n − 1.
-    nodes = np.floor(np.stack([rows, columns], axis=-1) + 0.5)
-    cells = np.floor_divide(nodes, NODES_PER_CELL)
-    return np.ascontiguousarray(cells.astype(np.int64))

@@ -8,24 +8,26 @@ import numpy as np
 from protocol.kernel import inlined, kernel
 from robot.perception.field_kernels import look_up
 
+# Nodes of a field to a search cell, in each direction.
+NODES_PER_CELL = 4
+
 
 @kernel
-def block_maxima(field, ratio):
-    """Maxima over blocks of ratio × ratio nodes of a field."""
-    rows = (field.shape[0] + ratio - 1) // ratio
-    columns = (field.shape[1] + ratio - 1) // ratio
+def block_maxima(field, first_row, first_column, rows, columns):
+    """Maxima over rows × columns cells of a field, of which the first begins at the given node."""
     maxima = np.zeros((rows, columns), dtype=np.uint8)
-    strip = np.zeros(columns * ratio, dtype=np.uint8)
+    strip = np.zeros(columns * NODES_PER_CELL, dtype=np.uint8)
+    width = min(columns * NODES_PER_CELL, field.shape[1] - first_column)
     for row in range(rows):
         strip[:] = 0
-        for r in range(row * ratio, min((row + 1) * ratio, field.shape[0])):
-            for column in range(field.shape[1]):
-                strip[column] = max(strip[column], field[r, column])
+        start = first_row + row * NODES_PER_CELL
+        for r in range(start, min(start + NODES_PER_CELL, field.shape[0])):
+            line = field[r, first_column : first_column + width]
+            for column in range(width):
+                strip[column] = max(strip[column], line[column])
         for column in range(columns):
-            best = strip[column * ratio]
-            for k in range(1, ratio):
-                best = max(best, strip[column * ratio + k])
-            maxima[row, column] = best
+            k = column * NODES_PER_CELL
+            maxima[row, column] = max(strip[k], strip[k + 1], strip[k + 2], strip[k + 3])
     return maxima
 
 
@@ -33,21 +35,39 @@ def block_maxima(field, ratio):
 def build_pyramid(cells, levels):
     """Maxima over 2^level × 2^level cells that start at each cell: levels×rows×columns."""
     rows, columns = cells.shape
-    pyramid = np.zeros((levels, rows, columns), dtype=np.uint8)
+    pyramid = np.empty((levels, rows, columns), dtype=np.uint8)
     pyramid[0] = cells
+    strip = np.empty(columns, dtype=np.uint8)
     for level in range(1, levels):
         half = 1 << (level - 1)
         for row in range(rows):
+            near = pyramid[level - 1, row]
+            far = pyramid[level - 1, min(row + half, rows - 1)]
             for column in range(columns):
-                best = pyramid[level - 1, row, column]
-                if row + half < rows:
-                    best = max(best, pyramid[level - 1, row + half, column])
-                if column + half < columns:
-                    best = max(best, pyramid[level - 1, row, column + half])
-                if row + half < rows and column + half < columns:
-                    best = max(best, pyramid[level - 1, row + half, column + half])
-                pyramid[level, row, column] = best
+                strip[column] = max(near[column], far[column])
+            out = pyramid[level, row]
+            for column in range(columns - half):
+                out[column] = max(strip[column], strip[column + half])
+            for column in range(max(0, columns - half), columns):
+                out[column] = strip[column]
     return pyramid
+
+
+@kernel
+def rotated_cells(points, angles, x, y, origin, resolution):
+    """Rows and columns (angles×n×2) of the cells that points (n×2) lie in, turned by each angle
+    about (x, y)."""
+    cells = np.empty((angles.shape[0], points.shape[0], 2), dtype=np.int64)
+    for a in range(angles.shape[0]):
+        c = math.cos(angles[a])
+        s = math.sin(angles[a])
+        for k in range(points.shape[0]):
+            column = (x + c * points[k, 0] - s * points[k, 1] - origin[0]) / resolution
+            row = (y + s * points[k, 0] + c * points[k, 1] - origin[1]) / resolution
+            # Cell k holds the nodes n·k … n·k + n − 1; what is nearest to a node counts as on it.
+            cells[a, k, 0] = int(math.floor(row + 0.5)) // NODES_PER_CELL
+            cells[a, k, 1] = int(math.floor(column + 0.5)) // NODES_PER_CELL
+    return cells
 
 
 @inlined

@@ -176,8 +176,7 @@ class FrontEnd:
         """
         few = returns.thinned(SEARCH_POINTS)
         reach = window.half_m + float(np.hypot(few.points[:, 0], few.points[:, 1]).max())
-        around = np.array([[window.centre.x, window.centre.y]])
-        seen = self.current.blocks or Blocks.of(self.current.field.window(around, reach))
+        seen = self.current.blocks or Blocks.around(self.current.field, window.centre, reach)
         pyramid = Pyramid.of(seen, window.half_m)
         floor = max(SEARCH_FLOOR, first.score)
         peak = search(pyramid, few, window, floor)
