@@ -13,9 +13,9 @@ from robot.perception.returns import Returns
 from robot.perception.search import (
     MAX_ANGLE_STEP_RAD,
     MIN_ANGLE_STEP_RAD,
-    NODES_PER_CELL,
     SEARCH_RESOLUTION_M,
 )
+from robot.perception.search_kernels import NODES_PER_CELL
 
 SEARCH_POINTS = 90
 # Peaks nearer to each other than this are one.

@@ -23,7 +23,8 @@ from robot.perception.field import (
     ByteArray,
     CorrelationField,
 )
-from robot.perception.search import NODES_PER_CELL, Blocks, Pyramid
+from robot.perception.search import Blocks, Pyramid
+from robot.perception.search_kernels import NODES_PER_CELL
 from robot.slam.packed_submap import PackedSubmap
 from robot.slam.submap import Submap
 
@@ -59,7 +60,9 @@ class KnownMap:
         free = np.zeros(shape, dtype=np.uint8)
         rows, columns = (min(a, b) for a, b in zip(shape, field.free.shape, strict=True))
         free[:rows, :columns] = field.free[:rows, :columns]
-        return KnownMap(field, Pyramid(field, levels), search_kernels.build_pyramid(free, LEVELS))
+        return KnownMap(
+            field, Pyramid(field, levels, field.origin), search_kernels.build_pyramid(free, LEVELS)
+        )
 
     @staticmethod
     def of_submaps(submaps: Sequence[PackedSubmap], anchors: FloatArray) -> "KnownMap":

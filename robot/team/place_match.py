@@ -17,12 +17,12 @@ from robot.perception.field import RESOLUTION_M, SIGMA_M, Overlay
 from robot.perception.matching import match_returns
 from robot.perception.search import (
     MAX_NODES,
-    NODES_PER_CELL,
     SAME_PEAK_M,
     SEARCH_RESOLUTION_M,
     Blocks,
     Pyramid,
 )
+from robot.perception.search_kernels import NODES_PER_CELL
 from robot.slam.gaussian import invert_spd
 from robot.team.evidence import Evidence, Kind
 from robot.team.place import DIRECTION_BINS, Place

@@ -14,7 +14,8 @@ from robot.perception.field import RESOLUTION_M, CorrelationField
 from robot.perception.matching import match_returns
 from robot.perception.returns import Returns, describe_returns, noise_model
 from robot.perception.scan import LaserScan, beam_angles
-from robot.perception.search import NODES_PER_CELL, Blocks, Pyramid, Window, rotations, search
+from robot.perception.search import Blocks, Pyramid, Window, rotations, search
+from robot.perception.search_kernels import NODES_PER_CELL
 
 LIDAR = LidarConfig(noise="none")
 HERE = Pose2(2.0, 2.5, 0.3)
