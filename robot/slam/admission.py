@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from protocol.pose import FloatArray
+from protocol.pose import FloatArray, compose, invert
 from robot.slam import consistency_kernels, kernels
 from robot.slam.chordal import chordal_start
 from robot.slam.normal_equations import IntArray, NormalEquations, PoseGraphError, floats, integers
@@ -34,16 +34,25 @@ LOG_2PI = math.log(2.0 * math.pi)
 # An edge is foreseen about as surely as it is measured while S is up to this many times Ω⁻¹ in
 # volume (m² rad).
 CLEAR_RATIO = 4.5
-# So few edges stay in the pattern while they are doubted: long false ones would fill the factor.
-FEW = 64
 # An edge within is told to leave when the others put it this many times farther off than c². By c²
 # alone a true one in a few hundred would go, and what hangs on it with it.
 LEAVING = 2.5
 # An edge that hardly anybody else supports leaves nothing of Ω⁻¹ − J H⁻¹ Jᵀ, and what little error
 # it has is no contradiction: this share of Ω⁻¹ is added.
 ALONE = 0.1
+# Some graphs claim far less of their edges than these keep. Where the variance that is seen, raised
+# by so much for the tails, is less than this share of the claimed one, it is what edges are judged
+# by. It is seen in all but the worst, together with so many errors of the claimed size.
+TAILS = 5.0
+WORTH_IT = 0.7
+TRIMMED = 0.99
+CLAIMED_ERRORS = 30.0
+# So few doubted edges are in the pattern from the beginning.
+FEW = 64
 MAX_ROUNDS = 60
 ROUND_ITERATIONS = 8
+# From where the nodes are, when what comes in is foreseen.
+WARM_ITERATIONS = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,25 +78,49 @@ def optimise_admitting(
     do not hold all nodes.
     """
     search = _Search(nodes, edge_nodes, measurements, information, fixed, doubted, truncation)
+    spread, iterations = search.spread(), 0
+    if spread < WORTH_IT:
+        iterations, claimed = search.iterations, np.asarray(information) / spread
+        search = _Search(nodes, edge_nodes, measurements, claimed, fixed, doubted, truncation)
+    else:
+        spread = 1.0
     best = search.state()
     seen = {search.accepted.tobytes()}
     for _ in range(MAX_ROUNDS):
         flips = search.flips()
-        if len(flips) == 0:
+        if len(flips.edges) == 0:
             break
         search.flip(flips)
         if search.accepted.tobytes() in seen:
             break
         seen.add(search.accepted.tobytes())
-        if search.cost < best[0]:
+        if search.cost < best.cost:
             best = search.state()
-    _, accepted, reached = best
-    problem = search.problem_of(accepted)
-    last = minimise(problem, reached)
-    iterations = search.iterations + last.iterations
+    last = minimise(search.problem_of(best.accepted), best.nodes)
+    iterations += search.iterations + last.iterations
+    chi2 = spread * last.chi2
     return RobustSolution(
-        Solution(last.nodes, last.chi2, last.cost, iterations, last.converged), accepted
+        Solution(last.nodes, chi2, chi2, iterations, last.converged), best.accepted
     )
+
+
+@dataclass(frozen=True, slots=True)
+class _State:
+    """Where a search stands: which edges (k) are in, the nodes (m×3) with them, and the cost."""
+
+    cost: float
+    accepted: BoolArray
+    nodes: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class _Flips:
+    """Edges that should change sides, and by how much χ² is foreseen to grow; `others` (k): edges
+    that may follow."""
+
+    edges: IntArray
+    growth: float
+    others: BoolArray
 
 
 class _Search:
@@ -122,88 +155,146 @@ class _Search:
         self.accepted: BoolArray = ~np.asarray(doubted, dtype=bool) | (odds > ELECTED)
         self.iterations = 0
         self.nodes = floats(nodes)
-        self.cost = math.inf
-        self._whole: NormalEquations | None = None
-        self._problem = self.problem_of(self.accepted)
-        self._resolve()
+        few = len(self._doubted) <= FEW
+        self._held = np.ones_like(self.accepted) if few else self.accepted.copy()
+        self._problem = self._pattern_of(self._held)
+        self._bounds = np.empty((len(self._doubted), 3, 3))
+        """What S was at last: without an edge less it only shrinks."""
+        self._forget_bounds()
+        self._chi2 = self._resolve()
 
-    def state(self) -> tuple[float, BoolArray, FloatArray]:
-        return self.cost, self.accepted.copy(), self.nodes
+    @property
+    def cost(self) -> float:
+        return self._chi2 + self._truncation * int((~self.accepted).sum())
 
-    def flips(self) -> IntArray:
+    def spread(self) -> float:
+        """The variance that the edges within show, as a share of what they claim."""
+        kept = self.accepted
+        squared = np.sort(
+            squared_errors(
+                self.nodes, self._edges[kept], self._measured[kept], self._information[kept]
+            )
+        )
+        seen = float(squared[: math.ceil(TRIMMED * len(squared))].sum())
+        redundancy = max(3 * len(squared) - self._problem.size, 0)
+        return TAILS * (seen + CLAIMED_ERRORS) / (redundancy + CLAIMED_ERRORS)
+
+    def state(self) -> _State:
+        return _State(self.cost, self.accepted.copy(), self.nodes)
+
+    def flips(self) -> _Flips:
         """The doubted edges that should change sides next; none when all are content."""
+        self._problem.linearise(self.nodes)
+        self._problem.factorise()
         inside: BoolArray = self.accepted[self._doubted]
-        distances, volumes = self._foreseen(inside)
-        into = ~inside & (distances < self._truncation)
-        evidence = self._odds - 0.5 * distances - np.log(np.maximum(volumes, 1e-300))
-        evidence += self._log_room
+        distances, volumes = self._foreseen(~inside & ~self._hopeless(), 1.0, 1.0)
+        into = distances < self._truncation
+        evidence = self._odds - 0.5 * distances - np.log(volumes) + self._log_room
         clear = into & ((volumes <= CLEAR_RATIO * self._volumes) | (evidence > ELECTED))
         if clear.any():
-            return self._which(clear)
-        against = distances - 2.0 * np.maximum(self._odds, 0.0)
-        out = inside & (against > LEAVING * self._truncation)
+            return self._flips(clear, distances[clear].sum(), into)
+        out = self._contradicted(inside)
         if out.any():
-            return self._which(out & (against >= 0.5 * against[out].max()))
+            return self._flips(out, -math.inf, into)
         likely = into & ((evidence > LIKELY) | self._alone)
         if likely.any() and self._alone:
             likely &= evidence >= evidence[likely].max()
-        return self._which(likely)
+        return self._flips(likely, distances[likely].sum(), into)
 
-    def _which(self, chosen: BoolArray) -> IntArray:
-        return np.asarray(self._doubted[chosen], dtype=np.int64)
-
-    def flip(self, edges: IntArray) -> None:
-        self.accepted[edges] = ~self.accepted[edges]
-        self._resolve()
+    def flip(self, flips: _Flips) -> None:
+        """Change sides, and solve anew."""
+        self.accepted[flips.edges] = ~self.accepted[flips.edges]
+        if not self._held[self.accepted].all():
+            self._held = self.accepted | flips.others
+            self._problem = self._pattern_of(self._held)
+        if flips.growth == -math.inf:
+            self._forget_bounds()
+        self._chi2 = self._resolve(self._chi2 + flips.growth)
 
     def problem_of(self, accepted: BoolArray) -> NormalEquations:
-        """The graph of the accepted edges alone."""
+        """The graph of some edges, all of which have been in at once or another time."""
+        if not self._held[accepted].all():
+            self._held = accepted
+            self._problem = self._pattern_of(accepted)
+        self._problem.weights[:] = accepted[self._held]
+        return self._problem
+
+    def _pattern_of(self, held: BoolArray) -> NormalEquations:
         return NormalEquations(
             self.nodes,
-            self._edges[accepted],
-            self._measured[accepted],
-            self._information[accepted],
+            self._edges[held],
+            self._measured[held],
+            self._information[held],
             self._fixed,
             None,
             1.0,
         )
 
-    def _resolve(self) -> None:
-        """Solve with the edges that are in, from where the nodes are or from a chordal start."""
-        self._take_problem()
-        # The chordal start first: where a false edge bent the nodes, they may not find back.
-        solution = minimise(self._problem, chordal_start(self._problem), ROUND_ITERATIONS)
-        self.iterations += solution.iterations
-        if self._problem.chi2(self.nodes) < solution.chi2:
-            solution = minimise(self._problem, self.nodes, ROUND_ITERATIONS)
+    def _resolve(self, foreseen: float = -math.inf) -> float:
+        """Solve with the edges that are in; χ². From where the nodes are, and where that does not
+        end near what was foreseen, from a chordal start: a false edge may have bent them so far
+        that they do not find back."""
+        problem = self.problem_of(self.accepted)
+        best: Solution | None = None
+        if foreseen > -math.inf:
+            best = minimise(problem, self.nodes, WARM_ITERATIONS)
+            self.iterations += best.iterations
+        if best is None or best.chi2 > foreseen + self._truncation:
+            solution = minimise(problem, chordal_start(problem), ROUND_ITERATIONS)
             self.iterations += solution.iterations
-        self.nodes = solution.nodes
-        refused = int((~self.accepted).sum())
-        self.cost = solution.chi2 + self._truncation * refused
+            best = solution if best is None or solution.chi2 < best.chi2 else best
+            if problem.chi2(self.nodes) < best.chi2:
+                best = minimise(problem, self.nodes, ROUND_ITERATIONS)
+                self.iterations += best.iterations
+        self.nodes = best.nodes
+        return best.chi2
 
-    def _take_problem(self) -> None:
-        """Set the weights of the pattern of all edges while few are refused, else make one."""
-        if int((~self.accepted).sum()) > FEW:
-            self._problem = self.problem_of(self.accepted)
-            return
-        if self._whole is None:
-            self._whole = self.problem_of(np.ones(len(self.accepted), dtype=bool))
-        self._problem = self._whole
-        self._problem.weights[:] = self.accepted
+    def _flips(self, chosen: BoolArray, growth: float, into: BoolArray) -> _Flips:
+        others = np.zeros(len(self.accepted), dtype=np.bool_)
+        others[self._doubted[into]] = True
+        return _Flips(np.asarray(self._doubted[chosen], dtype=np.int64), growth, others)
 
-    def _foreseen(self, inside: BoolArray) -> tuple[FloatArray, FloatArray]:
-        """eᵀS⁻¹e and √det S of every doubted edge, from what the others say of it."""
-        self._problem.linearise(self.nodes)
-        self._problem.factorise()
+    def _contradicted(self, inside: BoolArray) -> BoolArray:
+        """Which of the edges within the others speak against most."""
+        allowed = LEAVING * self._truncation + 2.0 * np.maximum(self._odds, 0.0)
         ends, measured = self._edges[self._doubted], self._measured[self._doubted]
         near = squared_errors(self.nodes, ends, measured, self._information[self._doubted])
-        # An edge that fits so well could not be told to leave (see ALONE).
-        wanted = ~inside | (near > ALONE * self._truncation)
-        errors, spreads = self._problem.innovations(self.nodes, ends, measured, wanted)
-        sign = np.where(inside, -1.0, 1.0)[:, None, None]
-        covariances = (1.0 + ALONE * inside[:, None, None]) * self._covariances + sign * spreads
+        # S is at least ALONE times Ω⁻¹: an edge that fits better could not be told to leave.
+        suspects = inside & (near > ALONE * allowed)
+        distances, _ = self._foreseen(suspects, 1.0 + ALONE, -1.0)
+        against = np.where(suspects, distances - allowed, -math.inf)
+        return (against > 0.0) & (against >= 0.5 * against.max(initial=0.0))
+
+    def _forget_bounds(self) -> None:
+        self._bounds[:] = 1e9 * np.eye(3)
+
+    def _hopeless(self) -> BoolArray:
+        """Which doubted edges are too far off even for what was foreseen before."""
+        ends, measured = self._edges[self._doubted], self._measured[self._doubted]
+        errors = compose(
+            invert(measured), compose(invert(self.nodes[ends[:, 0]]), self.nodes[ends[:, 1]])
+        )
         volumes, distances = np.empty(len(errors)), np.empty(len(errors))
-        consistency_kernels.volume_and_distance(covariances, errors, volumes, distances)
+        consistency_kernels.volume_and_distance(self._bounds, errors, volumes, distances)
+        return np.asarray(distances > self._truncation, dtype=np.bool_)
+
+    def _foreseen(
+        self, chosen: BoolArray, own: float, sign: float
+    ) -> tuple[FloatArray, FloatArray]:
+        """eᵀS⁻¹e and √det S of the chosen among the doubted edges, ∞ and 1 of the others, with
+        S = own · Ω⁻¹ + sign · J H⁻¹ Jᵀ."""
+        edges = self._doubted[chosen]
+        errors, spreads = self._problem.innovations(
+            self.nodes, self._edges[edges], self._measured[edges]
+        )
+        covariances = own * self._covariances[chosen] + sign * spreads
+        if sign > 0.0:
+            self._bounds[chosen] = covariances
+        found_volumes, found_distances = np.empty(len(edges)), np.empty(len(edges))
+        consistency_kernels.volume_and_distance(covariances, errors, found_volumes, found_distances)
+        distances, volumes = np.full(len(chosen), math.inf), np.ones(len(chosen))
+        distances[chosen] = found_distances
+        volumes[chosen] = np.maximum(found_volumes, 1e-300)
         return distances, volumes
 
 

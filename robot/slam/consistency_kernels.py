@@ -94,9 +94,10 @@ def vote(ends, measurements, covariances, chain, drift, broken, window, gate, ro
     Closures (k) go from `ends[k, 0]` to the later `ends[k, 1]` and are sorted by the former.
     `chain` (m×3) are nodes as the odometry puts them, `drift` (m×3×3) the covariance it has
     gathered since node 0, carried to node 0's frame; `broken` (m) counts steps that no odometry
-    covers. A pair closes when its cycle's error is within `gate` squared σ; by chance it does so
-    with the probability p = volume of the gate / `room`. With an even chance that the other one is
-    false, a pair that closes speaks for both by (1 + p) / 2p, one that does not against both by ½.
+    covers. Where both are true the error e of a pair's cycle has the density N(e; 0, C), where one
+    is false that of chance, 1 / `room`. With an even chance that the other one is false a pair
+    speaks for both by (1 + N · room) / 2. A cycle too vague to tell (the volume of the `gate`, in
+    squared σ, is half the room) says nothing.
     """
     a_way = np.empty(3)
     b_way = np.empty(3)
@@ -141,7 +142,8 @@ def vote(ends, measurements, covariances, chain, drift, broken, window, gate, ro
             p = 4.0 / 3.0 * math.pi * gate**1.5 * math.sqrt(det) / room
             if not 0.0 < p < 0.5:
                 continue
-            gain = math.log((1.0 + p) / (2.0 * p)) if squared <= gate else -math.log(2.0)
+            density = math.exp(-0.5 * squared) / math.sqrt((2.0 * math.pi) ** 3 * det)
+            gain = math.log(0.5 * (1.0 + density * room))
             odds[a] += gain
             odds[b] += gain
 

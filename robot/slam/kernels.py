@@ -152,7 +152,6 @@ def innovations(
     nodes,
     edge_nodes,
     measurements,
-    wanted,
     blocks,
     column_starts,
     column_rows,
@@ -162,28 +161,26 @@ def innovations(
     errors,
     covariances,
 ):
-    """Errors (q×3) of edges, and [A B] H⁻¹ [A B]ᵀ (q×3×3) of those that are `wanted` (q)."""
+    """Errors (q×3) of edges, and [A B] H⁻¹ [A B]ᵀ (q×3×3)."""
     A = np.zeros((3, 3))
     B = np.zeros((3, 3))
     for q in range(edge_nodes.shape[0]):
         i = edge_nodes[q, 0]
         j = edge_nodes[q, 1]
         lx, ly = _error(nodes, i, j, measurements[q], errors[q])
-        covariances[q] = 0.0
-        if wanted[q]:
-            _jacobians(measurements[q], errors[q], lx, ly, A, B)
-            spread(
-                column_starts,
-                column_rows,
-                factor,
-                inverses,
-                blocks[i],
-                A,
-                blocks[j],
-                B,
-                work,
-                covariances[q],
-            )
+        _jacobians(measurements[q], errors[q], lx, ly, A, B)
+        spread(
+            column_starts,
+            column_rows,
+            factor,
+            inverses,
+            blocks[i],
+            A,
+            blocks[j],
+            B,
+            work,
+            covariances[q],
+        )
 
 
 @kernel

@@ -128,17 +128,15 @@ class NormalEquations:
         nodes: FloatArray,
         edge_nodes: IntArray,
         measurements: FloatArray,
-        wanted: BoolArray,
     ) -> tuple[FloatArray, FloatArray]:
-        """Errors (q×3) of measured `T_i_j`, and the covariances (q×3×3) that the graph gives those
-        of them that are `wanted` (q), without the measurements' own; once factorised."""
+        """Errors (q×3) of measured `T_i_j`, and the covariances (q×3×3) that the graph gives them
+        without the measurements' own; once factorised."""
         errors, covariances = np.empty((len(edge_nodes), 3)), np.empty((len(edge_nodes), 3, 3))
         starts, rows, factor, inverses, work = self._factor.factor
         kernels.innovations(
             nodes,
             edge_nodes,
             measurements,
-            wanted,
             self.blocks,
             starts,
             rows,
