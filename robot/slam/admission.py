@@ -263,8 +263,8 @@ class _Search:
         suspects = inside & (near > ALONE * allowed)
         distances, _ = self._foreseen(suspects, 1.0 + ALONE, -1.0)
         against = np.where(suspects, distances - allowed, -math.inf)
-        worst: BoolArray = (against > 0.0) & (against >= 0.5 * against.max(initial=0.0))
-        return worst
+        worst = 0.5 * against.max(initial=0.0)
+        return np.asarray((against > 0.0) & (against >= worst), dtype=np.bool_)
 
     def _forget_bounds(self) -> None:
         self._bounds[:] = 1e9 * np.eye(3)
