@@ -41,8 +41,8 @@ def error(found: Pose2, truth: Pose2) -> FloatArray:
 @pytest.mark.parametrize("seed", range(8))
 def test_a_room_is_recognised_from_a_wrong_guess(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    T_a_b = Pose2.from_array(rng.uniform(-1.0, 1.0, 3) * [0.3, 0.3, 0.25])
-    off = Pose2.from_array(rng.uniform(-1.0, 1.0, 3) * [0.2, 0.2, 0.25])
+    T_a_b = Pose2.from_array(rng.uniform(-1.0, 1.0, 3) * (0.3, 0.3, 0.25))
+    off = Pose2.from_array(rng.uniform(-1.0, 1.0, 3) * (0.2, 0.2, 0.25))
     here = Pose2(0.2, -0.1, 0.3)
     match = match_pair(
         seen(ROOM, here, seed), seen(ROOM, here @ T_a_b, 100 + seed), T_a_b @ off, NOISE
