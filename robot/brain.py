@@ -34,6 +34,7 @@ from robot.slam.config import GraphSlamConfig
 from robot.slam.engine import Estimate
 from robot.slam.engines import make_engine
 from robot.slam.trajectory import RelativeTrajectory
+from robot.team.homecoming import Homecoming
 from robot.team.joint import Solution, anchor_pose, anchor_poses
 from robot.team.links import LinkFinder
 from robot.team.place_finder import PlaceFinder
@@ -57,6 +58,7 @@ class Brain:
         )
         self._team = Team(config, incarnation, self._jobs)
         self._places = PlaceFinder(self._team.own_log, config.lidar)
+        self._homecoming = Homecoming(self._team.own_log, config.lidar)
         self._links = LinkFinder(self._team.own_log, config.lidar, GraphSlamConfig())
         self._own_map = KeyframeMap(config.lidar)
         self._joint_map = KeyframeMap(config.lidar)
@@ -122,6 +124,7 @@ class Brain:
         """Find out how teammates' maps lie, and tie this robot's submaps to what they saw of the
         same places."""
         team = self._team
+        team.write(self._homecoming.step(tick, self._jobs, team.graph))
         team.write(self._places.step(tick, self._jobs, team.graph, team.solution))
         submaps, explored = self._engine.submaps, self._is_explored()
         team.write(self._links.step(tick, self._jobs, team.graph, team.solution, submaps, explored))

@@ -46,7 +46,8 @@ class Schedule:
         self._rng = np.random.default_rng(seed)
         self.names = tuple(f"r{n + 1}" for n in range(int(self._rng.integers(2, 9))))
         self.teams = {name: self._team(name) for name in self.names}
-        self._written = {name: [Anchor(0, IDENTITY, np.eye(3))] for name in self.names}
+        first = Anchor(0, IDENTITY, np.eye(3))
+        self._written: dict[str, list[Entry | Link]] = {name: [first] for name in self.names}
         self._air: dict[int, list[tuple[str, HeardFrame]]] = {}
         self._links: dict[frozenset[str], tuple[bool, int]] = {}
         self._tick = 0
@@ -174,11 +175,9 @@ def run_schedule(seed: int) -> dict[str, Any]:
 
 def passed(row: dict[str, Any]) -> bool:
     """Whether a schedule ended as it must."""
-    return (
-        row["exchanges"] <= MOST_EXCHANGES
-        and row["missing"] == row["malformed"] == 0
-        and row["difference"] <= MOST_DIFFERENCE
-    )
+    whole: bool = row["missing"] == row["malformed"] == 0
+    equal: bool = row["exchanges"] <= MOST_EXCHANGES and row["difference"] <= MOST_DIFFERENCE
+    return whole and equal
 
 
 def table(rows: list[dict[str, Any]]) -> str:

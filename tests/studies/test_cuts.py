@@ -1,6 +1,7 @@
 """The study of cuts, on a few schedules; and that it would notice."""
 
-from protocol.pose import IDENTITY
+import pytest
+
 from studies import cuts
 
 
@@ -11,13 +12,10 @@ def test_whatever_was_cut_everybody_ends_with_the_same() -> None:
         assert cuts.passed(row), row
 
 
-def test_what_is_missing_is_counted() -> None:
-    schedule = cuts.Schedule(0)
-    schedule.play_cuts()
-    assert schedule.settle() <= cuts.MOST_EXCHANGES
-    assert schedule.missing() == 0
-    name = schedule.names[0]
-    entry = cuts.Keyframe(0, 0, 0, IDENTITY, cuts.INFORMATION, cuts.np.ones(cuts.BEAMS))
-    schedule.teams[name].write([entry])
-    assert schedule.difference() == 0.0
-    assert not cuts.passed({**cuts.run_schedule(0), "missing": 1})
+@pytest.mark.parametrize(
+    "fault", [{"missing": 1}, {"malformed": 1}, {"exchanges": 4}, {"difference": 1e-8}]
+)
+def test_a_schedule_that_ends_otherwise_does_not_pass(fault: dict[str, float]) -> None:
+    good = {"exchanges": 3, "missing": 0, "malformed": 0, "difference": 0.0}
+    assert cuts.passed(good)
+    assert not cuts.passed({**good, **fault})
