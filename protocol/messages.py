@@ -192,7 +192,8 @@ class MapReply(Message):
 
 
 class TrajectoryReply(Message):
-    """Answer of `robot/<name>/trajectory`: poses n×3 (x, y, θ) in the robot's map frame.
+    """Answer of `robot/<name>/trajectory`: poses n×3 (x, y, θ) in the frame that `frame` names,
+    that of the robots it is aligned with.
 
     `online` is each estimate as it was at its own tick, `final` the same ticks as the joint
     solution places them now. `nodes` (m×3) and `edges` are the robot's own pose graph:
@@ -211,6 +212,7 @@ class TrajectoryReply(Message):
     edge_nodes: EdgeNodes
     edge_values: EdgeValues
     journal_digest: str
+    frame: str = Field("", max_length=64)
     frames_sent: int = Field(ge=0)
     bytes_sent: int = Field(ge=0)
     frames_heard: int = Field(ge=0)

@@ -262,7 +262,7 @@ class Brain:
             own, joint = self._own_map.map, self._joint_map.map
         else:
             graph, lidar = self._team.graph, self.config.lidar
-            solution, _ = self._team.standing.exactly(graph)
+            solution = self._team.standing.exactly(graph).solution
             own = draw_exactly(graph, self._own_anchors(solution), lidar)
             joint = draw_exactly(graph, solution, lidar)
         return MapReply(own=_patch(own.grid()), joint=_patch(joint.grid()))
@@ -271,7 +271,7 @@ class Brain:
         """The trajectory so far in the frame of the robots that this one is aligned with, the pose
         graph, and the counts to hold against the ledger."""
         graph = self._engine.graph()
-        solution, T_group_own = self._team.standing.exactly(self._team.graph)
+        solution, T_group_own, frame = self._team.standing.exactly(self._team.graph)
         anchors = self._own_anchors(solution)[self._team.own_log]
         start = (T_group_own @ self._start).to_array()[None, :]
         upper = graph.information[:, [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]
@@ -285,6 +285,7 @@ class Brain:
             edge_nodes=graph.edge_nodes,
             edge_values=np.concatenate([graph.measurements, upper], axis=1),
             journal_digest=self._team.journal.digest(),
+            frame=frame,
             **self._counts,
         )
 

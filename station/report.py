@@ -47,16 +47,19 @@ def write_report(
     _write_ledger(outcome, folder)
     write_text(folder / "README.md", folder_readme(outcome, metrics))
     _write_robots(outcome, folder)
-    joint = team_map(outcome)
+    tracks = tracks_of(outcome)
+    joint = team_map(outcome, tracks.shared)
     if joint is not None:
         write_map(joint, folder / "team.yaml")
-    _draw(outcome, metrics, joint, coverage, folder)
+    _draw(outcome, metrics, joint, tracks, coverage, folder)
     return metrics
 
 
-def team_map(outcome: RunOutcome) -> OccupancyGrid | None:
-    """The joint map that knows most; of equal ones that of the first robot by name."""
-    maps = [robot.map for _, robot in sorted(outcome.robots.items()) if robot.map is not None]
+def team_map(outcome: RunOutcome, shared: Sequence[str]) -> OccupancyGrid | None:
+    """The joint map that knows most, of the robots that share a frame; of equal ones that of the
+    first robot by name. What is not aligned is not drawn into it: its robot never did."""
+    robots = [robot for name, robot in sorted(outcome.robots.items()) if name in shared]
+    maps = [robot.map for robot in robots if robot.map is not None]
     drawable = [grid_of(reply.joint) for reply in maps if reply.joint.cells.size]
     return max(drawable, key=lambda grid: int(np.count_nonzero(grid.known)), default=None)
 
@@ -126,11 +129,11 @@ def _draw(
     outcome: RunOutcome,
     metrics: Metrics,
     joint: OccupancyGrid | None,
+    tracks: Tracks,
     coverage: Sequence[tuple[float, float]],
     folder: Path,
 ) -> None:
     simulation = outcome.simulation
-    tracks = tracks_of(outcome)
     run = describe(simulation.scenario)
     ended = f"ended after {clock_time(metrics.sim_s)} (min:s): {metrics.exit_reason}"
     radio = simulation.scenario.radio
@@ -170,13 +173,14 @@ def _labels(metrics: Metrics, tracks: Tracks) -> list[str]:
     labels = []
     for track in tracks.robots:
         robot = metrics.robots[track.name]
+        apart = "" if track.name in tracks.shared else ", not in this map"
         if robot.ate_rmse_m is None:
             labels.append(
                 f"{track.name}: {robot.driven_m:.0f} m driven, {track.note or 'no answer'}"
             )
         else:
             error = centimetres(robot.ate_rmse_m)
-            labels.append(f"{track.name}: {robot.driven_m:.0f} m driven, error {error}")
+            labels.append(f"{track.name}: {robot.driven_m:.0f} m driven, error {error}{apart}")
     return labels
 
 

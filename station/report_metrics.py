@@ -16,6 +16,13 @@ PACKAGES = ("earshot-slam", "numpy", "numba", "scipy", "eclipse-zenoh", "pydanti
 WORLD = "world"
 
 
+class Standing(Model):
+    """How a robot's map stands to a teammate's: unknown, tentative, aligned or contradictory."""
+
+    state: str
+    reason: str
+
+
 class RobotMetrics(RobotScore):
     """One robot's score, whether it said that it was done, what became of it where that is not
     the ordinary, and what it last said that it was doing."""
@@ -25,6 +32,8 @@ class RobotMetrics(RobotScore):
     activity: str
     wire: dict[str, WireCount] | None
     missed_ticks: int
+    frame: str | None = Field(description="of its map and trajectory; equal for who is aligned")
+    alignment: dict[str, Standing] = Field(description="how it stands to teammates, by its word")
 
 
 class Metrics(Model):
@@ -86,6 +95,8 @@ def measure(outcome: RunOutcome) -> Metrics:
                 activity=_activity(outcome.reports.get(name)),
                 wire=robots[name].wire if name in robots else None,
                 missed_ticks=robots[name].missed_ticks if name in robots else 0,
+                frame=_frame(outcome, name),
+                alignment=_alignment(outcome, name),
             )
             for name, robot in score.robots.items()
         },
@@ -107,6 +118,23 @@ def measure(outcome: RunOutcome) -> Metrics:
 
 def _activity(log: ReportLog | None) -> str:
     return log.latest.activity if log is not None and log.latest is not None else ""
+
+
+def _frame(outcome: RunOutcome, name: str) -> str | None:
+    robot = outcome.robots.get(name)
+    return None if robot is None or robot.trajectory is None else robot.trajectory.frame
+
+
+def _alignment(outcome: RunOutcome, name: str) -> dict[str, Standing]:
+    """What the robot's last report says of its teammates."""
+    reports = outcome.reports.get(name)
+    if reports is None or reports.latest is None:
+        return {}
+    return {
+        mate.robot: Standing(state=mate.alignment, reason=mate.alignment_reason)
+        for mate in reports.latest.team
+        if mate.robot != name
+    }
 
 
 def messages_lost(outcome: RunOutcome) -> int | None:

@@ -1,5 +1,6 @@
 """The page that tells whoever opens a report's folder what lies in it."""
 
+from robot.team.standing import TEAM_FRAME
 from station.observer import RunOutcome
 from station.report_metrics import Metrics
 from station.wording import centimetres, clock_time, describe, percent
@@ -37,8 +38,37 @@ def folder_readme(outcome: RunOutcome, metrics: Metrics) -> str:
         f"team error {centimetres(metrics.team.ate_rmse_m)}, "
         f"collisions {metrics.collisions}.\n\n"
         + ("".join(silent) + "\n" if silent else "")
+        + _standings(metrics)
         + "| file | what it holds |\n|---|---|\n"
         + table
         + "\nTrajectories: `stamp tx ty tz qx qy qz qw` (s, m), each robot's estimates in its own "
         "map frame.\n"
+    )
+
+
+def _standings(metrics: Metrics) -> str:
+    """Who shares a frame with whom, and why where somebody does not; nothing where all were told
+    where they start."""
+    frames: dict[str, list[str]] = {}
+    for name, robot in metrics.robots.items():
+        if robot.frame is not None:
+            frames.setdefault(robot.frame, []).append(name)
+    told = {
+        (name, mate): standing
+        for name, robot in metrics.robots.items()
+        for mate, standing in robot.alignment.items()
+        if name < mate
+    }
+    if set(frames) <= {TEAM_FRAME}:
+        return ""
+    groups = "; ".join(" ".join(names) for names in frames.values())
+    rows = "".join(
+        f"| {name} – {mate} | {standing.state} | {standing.reason} |\n"
+        for (name, mate), standing in sorted(told.items())
+    )
+    return (
+        f"Robots whose maps share a frame: {groups}. Pictures and scores place each such group by "
+        "itself, and `team.png` shows the largest: what is not aligned is in no map but its own."
+        "\n\n"
+        f"| robots | maps are | because |\n|---|---|---|\n{rows}\n"
     )

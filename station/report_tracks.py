@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from protocol.pose import FloatArray, Pose2, compose
+from protocol.pose import IDENTITY, FloatArray, Pose2, compose
 from station.observer import RunOutcome
-from world.accuracy import align_team, match
+from world.accuracy import align_frames, align_team, largest_frame, match
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,10 +41,11 @@ class Track:
 
 @dataclass(frozen=True, slots=True)
 class Tracks:
-    """The ways of all robots, in the scenario's order, under one alignment for the whole team:
-    `T_world_team` for what SLAM estimated; dead reckoning has one of its own."""
+    """The ways of all robots, in the scenario's order. Robots whose maps share a frame are under
+    one alignment; the frame that most share, the robots `shared`, lies at `T_world_team`."""
 
     T_world_team: Pose2
+    shared: tuple[str, ...]
     robots: tuple[Track, ...]
 
 
@@ -57,24 +58,25 @@ def tracks_of(outcome: RunOutcome) -> Tracks:
         robot = outcome.robots.get(name)
         if robot is not None and robot.trajectory is not None:
             matched[name] = match(robot.trajectory, history.poses[:, index])
-    pairs = [found for found in matched.values() if found is not None]
-    T_world_team = align_team((found.final, found.true) for found in pairs)
-    T_world_odometry = align_team((found.dead_reckoned, found.true) for found in pairs)
+    known_ways = {name: found for name, found in matched.items() if found is not None}
+    T_world_maps, shared = align_frames(known_ways), largest_frame(known_ways)
+    T_world_odometry = align_team((t.dead_reckoned, t.true) for t in known_ways.values())
     tracks = []
     for index, name in enumerate(simulation.names):
         robot, found, belief = outcome.robots.get(name), matched.get(name), None
         if robot is not None and robot.trajectory is not None and found is not None:
-            ticks = robot.trajectory.ticks
+            ticks, T_world_map = robot.trajectory.ticks, T_world_maps[name].to_array()
             known = (ticks >= 0) & (ticks < len(history))
             belief = Belief(
                 stamps=np.asarray(ticks[known] * simulation.scenario.tick_s, dtype=np.float64),
                 true=found.true,
-                final=compose(T_world_team.to_array(), found.final),
-                online=compose(T_world_team.to_array(), found.online),
+                final=compose(T_world_map, found.final),
+                online=compose(T_world_map, found.online),
                 dead_reckoned=compose(T_world_odometry.to_array(), found.dead_reckoned),
             )
         lived = np.flatnonzero(history.present[:, index])
         stamps = np.asarray(lived * simulation.scenario.tick_s, dtype=np.float64)
         true = np.array(history.poses[lived, index])
         tracks.append(Track(name, stamps, true, belief, robot.note if robot else "no answer"))
-    return Tracks(T_world_team, tuple(tracks))
+    T_world_team = T_world_maps[shared[0]] if shared else IDENTITY
+    return Tracks(T_world_team, shared, tuple(tracks))

@@ -94,7 +94,7 @@ class Schedule:
         truth = solve(graph.problem())
         worst = 0.0
         for team in self.teams.values():
-            found, _ = team.standing.exactly(team.graph)
+            found = team.standing.exactly(team.graph).solution
             if found.keys() != truth.keys():
                 return float("inf")
             worst = max(worst, *(float(np.abs(found[k] - truth[k]).max()) for k in truth))

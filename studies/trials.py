@@ -40,6 +40,7 @@ COLUMNS = (
     ("team.dead_reckoning_rmse_m", "{:.2f}"),
     ("collisions", "{:.0f}"),
     ("radio.bytes_delivered", "{:.0f}"),
+    ("radio.bytes_per_metre", "{:.0f}"),
     ("exit_reason", "{}"),
 )
 

@@ -1,6 +1,6 @@
 """How far estimated trajectories are from the true ones, under one alignment for the whole team."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +18,8 @@ class Track:
     final: FloatArray
     online: FloatArray
     dead_reckoned: FloatArray
+    frame: str = ""
+    """What the estimated poses are relative to."""
 
 
 def match(reply: TrajectoryReply, truth: FloatArray) -> Track | None:
@@ -31,7 +33,7 @@ def match(reply: TrajectoryReply, truth: FloatArray) -> Track | None:
     final, online, dead_reckoned = (
         np.array(poses[known]) for poses in (reply.final, reply.online, reply.dead_reckoned)
     )
-    return Track(truth[reply.ticks[known]], final, online, dead_reckoned)
+    return Track(truth[reply.ticks[known]], final, online, dead_reckoned, reply.frame)
 
 
 def align(estimated: FloatArray, true: FloatArray) -> Pose2:
@@ -60,6 +62,28 @@ def align_team(pairs: Iterable[tuple[FloatArray, FloatArray]]) -> Pose2:
     estimated, true = zip(*pairs, strict=True) if (pairs := list(pairs)) else ((), ())
     empty = np.zeros((0, 3))
     return align(np.concatenate([empty, *estimated]), np.concatenate([empty, *true]))
+
+
+def align_frames(tracks: Mapping[str, Track]) -> dict[str, Pose2]:
+    """`T_world_map` of each robot's estimates: one for all that share a frame. Robots that are not
+    aligned with each other are no worse for where their frames happen to lie."""
+    frames: dict[str, list[Track]] = {}
+    for track in tracks.values():
+        frames.setdefault(track.frame, []).append(track)
+    found = {
+        frame: align_team((track.final, track.true) for track in members)
+        for frame, members in frames.items()
+    }
+    return {name: found[track.frame] for name, track in tracks.items()}
+
+
+def largest_frame(tracks: Mapping[str, Track]) -> tuple[str, ...]:
+    """The robots that share a frame with most others; of equally many, those of the first robot."""
+    frames: dict[str, list[str]] = {}
+    for name, track in tracks.items():
+        frames.setdefault(track.frame, []).append(name)
+    largest: list[str] = max(frames.values(), key=len) if frames else []
+    return tuple(largest)
 
 
 def distances(T_world_map: Pose2, estimated: FloatArray, true: FloatArray) -> FloatArray:

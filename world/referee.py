@@ -7,11 +7,12 @@ from pydantic import Field
 from protocol.messages import GridPatch, MapReply, TrajectoryReply
 from protocol.model import Model
 from protocol.pose import IDENTITY, Pose2
-from world.accuracy import Track, align_team, distances, match, rmse
+from world.accuracy import Track, align_frames, align_team, distances, match, rmse
 from world.simulation import Simulation
 from world.truth import MapTruth
 
 Reply = tuple[MapReply | None, TrajectoryReply | None]
+NOWHERE_ELSE: Mapping[str, Pose2] = {}
 
 
 class Accuracy(Model):
@@ -57,6 +58,9 @@ class RadioScore(Model):
     frames_delivered: int
     bytes_offered: int
     bytes_delivered: int
+    bytes_per_metre: float | None = Field(
+        description="delivered, by metre driven and robot that could receive it"
+    )
 
 
 class Score(Model):
@@ -82,26 +86,31 @@ class Referee:
         radius = simulation.scenario.body.radius_m
         self.truth = MapTruth(simulation.terrain, simulation.starts, radius)
 
-    def coverage(self, maps: Mapping[str, GridPatch], T_world_map: Pose2 = IDENTITY) -> float:
-        """The share of the target that is known correctly in these maps together."""
+    def coverage(
+        self, maps: Mapping[str, GridPatch], T_world_maps: Mapping[str, Pose2] = NOWHERE_ELSE
+    ) -> float:
+        """The share of the target that is known correctly in these maps together, each where its
+        robot's frame lies; where that is not said, in the frame of the world."""
         return self.truth.known(
-            self.truth.target, [(maps[name], T_world_map) for name in sorted(maps)]
+            self.truth.target,
+            [(maps[name], T_world_maps.get(name, IDENTITY)) for name in sorted(maps)],
         )
 
     def score(self, replies: Mapping[str, Reply]) -> Score:
         """The score of what the robots answered at the end; dead ones answered nothing."""
         names = self._simulation.names
         tracks = self._tracks(replies)
-        T_world_map = align_team((track.final, track.true) for track in tracks.values())
+        T_world_maps = align_frames(tracks)
         T_world_odom = align_team((track.dead_reckoned, track.true) for track in tracks.values())
         own, joint = {}, {}
         for name in names:
             patches, _ = replies.get(name, (None, None))
             if patches is not None:
+                T_world_map = T_world_maps.setdefault(name, IDENTITY)
                 own[name], joint[name] = patches.own, (patches.joint, T_world_map)
         robots = {
             name: self._score_robot(
-                name, replies.get(name, (None, None)), tracks.get(name), T_world_map, T_world_odom
+                name, replies.get(name, (None, None)), tracks.get(name), T_world_maps, T_world_odom
             )
             for name in names
         }
@@ -110,15 +119,16 @@ class Referee:
         offered = self._simulation.ledger.offered.sum(axis=(0, 1))
         delivered = self._simulation.ledger.delivered.sum(axis=(0, 1))
         self._simulation.ledger.check()
+        heard_m = (len(names) - 1) * sum(robot.driven_m for robot in robots.values())
         return Score(
-            coverage=self.coverage(own, T_world_map) if own else None,
+            coverage=self.coverage(own, T_world_maps) if own else None,
             coverage_worst_joint=min(joint_shares, default=None),
             target_m2=self.truth.target_m2,
             walls=WallScore(
                 recall=self.truth.known(self.truth.walls, joint.values()) if joint else None,
                 precision=self.truth.precision(list(joint.values())) if joint else None,
             ),
-            team=_accuracy(list(tracks.values()), T_world_map, T_world_odom),
+            team=_accuracy(tracks, T_world_maps, T_world_odom),
             robots=robots,
             collisions=sum(robot.collisions for robot in robots.values()),
             ledger=LedgerScore(equal=all(equal) if equal else None),
@@ -127,6 +137,7 @@ class Referee:
                 frames_delivered=int(delivered[0]),
                 bytes_offered=int(offered[1]),
                 bytes_delivered=int(delivered[1]),
+                bytes_per_metre=int(delivered[1]) / heard_m if heard_m > 0.0 else None,
             ),
             sim_s=self._simulation.stamp,
         )
@@ -147,13 +158,13 @@ class Referee:
         name: str,
         reply: Reply,
         track: Track | None,
-        T_world_map: Pose2,
+        T_world_maps: Mapping[str, Pose2],
         T_world_odom: Pose2,
     ) -> RobotScore:
         simulation, (patches, trajectory) = self._simulation, reply
-        accuracy = _accuracy([track] if track else [], T_world_map, T_world_odom)
-        own = self.coverage({name: patches.own}, T_world_map) if patches else None
-        joint = self.coverage({name: patches.joint}, T_world_map) if patches else None
+        accuracy = _accuracy({name: track} if track else {}, T_world_maps, T_world_odom)
+        own = self.coverage({name: patches.own}, T_world_maps) if patches else None
+        joint = self.coverage({name: patches.joint}, T_world_maps) if patches else None
         return RobotScore(
             **accuracy.model_dump(),
             coverage_own=own,
@@ -174,11 +185,14 @@ class Referee:
         ]
 
 
-def _accuracy(tracks: list[Track], T_world_map: Pose2, T_world_odom: Pose2) -> Accuracy:
+def _accuracy(
+    tracks: Mapping[str, Track], T_world_maps: Mapping[str, Pose2], T_world_odom: Pose2
+) -> Accuracy:
+    placed = [(T_world_maps[name], track) for name, track in tracks.items()]
     return Accuracy(
-        ate_rmse_m=rmse(distances(T_world_map, t.final, t.true) for t in tracks),
-        ate_online_rmse_m=rmse(distances(T_world_map, t.online, t.true) for t in tracks),
+        ate_rmse_m=rmse(distances(T, t.final, t.true) for T, t in placed),
+        ate_online_rmse_m=rmse(distances(T, t.online, t.true) for T, t in placed),
         dead_reckoning_rmse_m=rmse(
-            distances(T_world_odom, t.dead_reckoned, t.true) for t in tracks
+            distances(T_world_odom, t.dead_reckoned, t.true) for _, t in placed
         ),
     )

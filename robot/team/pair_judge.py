@@ -34,6 +34,8 @@ MAX_SIGHTED_CROSSING = 0.10
 RIVAL_WORTH = 0.6
 RIVAL_CROSSING = 0.08
 
+KNOWN = "their starts are known"
+
 
 class State(Enum):
     """How two logs stand to each other."""
@@ -76,7 +78,7 @@ class PairJudge:
 
     def known(self, a: LogName, b: LogName) -> PairView:
         """Two logs that were told where they start."""
-        return PairView(a, b, State.ALIGNED, "their starts are known")
+        return PairView(a, b, State.ALIGNED, KNOWN)
 
     def pair(self, a: LogName, b: LogName) -> PairView:
         """How two logs stand, by their own matches."""

@@ -5,6 +5,8 @@ Every robot thinks in its own frame, that of its first anchor; the joint solutio
 frame of its group and carried over, so that nothing jumps for a robot when its group grows.
 """
 
+from typing import NamedTuple
+
 from protocol.config import LidarConfig
 from protocol.pose import IDENTITY, FloatArray, Pose2, compose
 from robot.jobs import Jobs
@@ -13,12 +15,22 @@ from robot.team.alignment import align, join, judge
 from robot.team.evidence import Kind
 from robot.team.joint import JointGraph, Solution, solve
 from robot.team.journal import LogName
-from robot.team.pair_judge import PairView, State
+from robot.team.pair_judge import KNOWN, PairView, State
 
 SOLVE, SOLVE_EVERY_TICKS, SOLVE_DELAY_TICKS = "joint", 20, 5
 JUDGE, JUDGE_EVERY_TICKS, JUDGE_DELAY_TICKS = "judge", 50, 10
 # Maps that have grown by this share are laid over each other again.
 GROWTH = 0.2
+# The frame in which robots were told where they start.
+TEAM_FRAME = "team"
+
+
+class Exact(NamedTuple):
+    """A solution in the frame of a group, `T_group_own`, and the frame's name."""
+
+    solution: Solution
+    T_group_own: Pose2
+    frame: str
 
 
 class Standing:
@@ -63,21 +75,25 @@ class Standing:
         if views and (views[-1].state is State.ALIGNED or not shared):
             return views[-1].state, views[-1].reason
         if shared:
-            return State.ALIGNED, "itself" if robot == self._own.robot else "through others"
+            through = "through others" if self._start is None else KNOWN
+            return State.ALIGNED, "itself" if robot == self._own.robot else through
         return State.UNKNOWN, "no match between them"
 
-    def exactly(self, graph: JointGraph) -> tuple[Solution, Pose2]:
-        """The solution by all entries, from nothing, in the frame of the group, and `T_group_own`.
+    def exactly(self, graph: JointGraph) -> "Exact":
+        """The solution by all entries, from nothing, in the frame of the group.
 
         Robots with equal journals that are aligned get equal ones.
         """
         group = align(graph, self._noise).group_of(self._own)
         if group is None:
-            return {}, IDENTITY
+            return Exact({}, IDENTITY, f"{self._own.robot}.{self._own.incarnation}")
         solution = solve(graph.problem(group))
+        known = graph.known_starts().logs
+        first = group.logs[0]
+        frame = TEAM_FRAME if set(known) & set(group.logs) else f"{first.robot}.{first.incarnation}"
         if self._start is not None:
-            return solution, IDENTITY
-        return solution, Pose2.from_array(solution[self._own][0])
+            return Exact(solution, IDENTITY, frame)
+        return Exact(solution, Pose2.from_array(solution[self._own][0]), frame)
 
     def _is_due(self, graph: JointGraph) -> bool:
         """Whether there is new evidence, or enough new map to test the old by."""
