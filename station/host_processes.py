@@ -24,7 +24,7 @@ from world.simulation import Simulation
 
 ATTEMPTS = 5
 PEAK_EVERY_S = 1.0  # wall time
-SAMPLE_EVERY_S = 5.0
+SAMPLE_EVERY_S = 1.0
 JOURNALS = "journals"
 
 
