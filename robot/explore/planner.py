@@ -139,13 +139,12 @@ def travel_field(
         extra[near] = detour_m / reach
         gaps = np.hypot(*(terrain.points_of(*near) - [pose.x, pose.y]).T) - terrain.needed
         room[near] = np.minimum(room[near], np.maximum(gaps, 0.0))
-    state = terrain.state.copy()
+    state, clearance = terrain.state.copy(), terrain.clearance.copy()
     for x, y in blocked.tolist():
         spot = Pose2(x, y, 0.0)
         if spot.distance_to(start) > BLOCKED_RADIUS_M:
             closed = disc(terrain, spot, BLOCKED_RADIUS_M)
-            state[closed], room[closed] = OCCUPIED, 0.0
-    clearance = np.where(state == terrain.state, terrain.clearance, 0.0)
+            state[closed], clearance[closed], room[closed] = OCCUPIED, 0.0, 0.0
     tight = terrain.needed - SQUEEZE_M if squeeze else terrain.needed
     cost, parent = travel_costs(
         state, clearance, extra, tight, terrain.needed, WANTED_CLEARANCE_M,

@@ -17,9 +17,8 @@ from robot.perception.odometry import Motion
 from robot.perception.scan import LaserScan
 from robot.rows import Rows
 from robot.slam.config import FrontEndConfig
-from robot.slam.engine import Anchor, Entry, Estimate, GraphSnapshot, Keyframe
+from robot.slam.engine import Estimate, Keyframe, Mapless
 from robot.slam.front_end import FrontEnd, Progress
-from robot.slam.packed_submap import PackedSubmap
 
 # Nobody knows where: a covariance that no map is larger than (m², rad²).
 ANYWHERE = np.diag([1e6, 1e6, math.pi**2])
@@ -28,7 +27,7 @@ ANYWHERE = np.diag([1e6, 1e6, math.pi**2])
 LOST_MISFIT, LOST_SCANS = 0.35, 12
 
 
-class Localiser:
+class Localiser(Mapless):
     """An engine (`robot.slam.engine.Engine`) that maps nothing; its one anchor is the map's."""
 
     def __init__(
@@ -38,6 +37,7 @@ class Localiser:
         start: Pose2 | None,
         config: FrontEndConfig | None = None,
     ) -> None:
+        super().__init__(IDENTITY)
         self._known = known
         self._lidar = lidar
         self._config = config or FrontEndConfig()
@@ -46,7 +46,6 @@ class Localiser:
         self._odometry = IDENTITY
         self._waiting = Rows(3)  # by the odometry, since the place is not known
         self._poses = Rows(3)
-        self._entries: list[Entry] = [Anchor(0, IDENTITY, np.eye(3) * 1e6)]
         self._keyframes = 0
         self._last_kept: Pose2 | None = None
         self._off = 0
@@ -128,27 +127,6 @@ class Localiser:
         self._entries.append(Keyframe(self._keyframes, tick, 0, pose, ANYWHERE.copy(), scan.ranges))
         self._keyframes += 1
 
-    # -- as every engine
-
-    @property
-    def loop_closures(self) -> int:
-        return 0
-
-    @property
-    def anchors(self) -> FloatArray:
-        return np.zeros((1, 3))
-
-    def take_entries(self) -> list[Entry]:
-        entries, self._entries = self._entries, []
-        return entries
-
-    @property
-    def submaps(self) -> tuple[PackedSubmap, ...]:
-        return ()
-
-    def mapped(self) -> tuple[PackedSubmap, ...]:
-        return ()
-
     def trajectory(self, anchors: FloatArray | None = None) -> FloatArray:
         """The pose at every step; where the place is not known yet, as the best hypothesis, or the
         odometry alone, would have it."""
@@ -157,11 +135,3 @@ class Localiser:
             return self._poses.values.copy()
         best = self._search.hypotheses[0].pose if self._search.hypotheses else self._odometry
         return np.concatenate([self._poses.values, self._carried(best)])
-
-    def graph(self) -> GraphSnapshot:
-        return GraphSnapshot(
-            self.anchors,
-            np.empty((0, 2), dtype=np.int32),
-            np.empty((0, 3)),
-            np.empty((0, 3, 3)),
-        )

@@ -115,3 +115,38 @@ class Engine(Protocol):
 
     def graph(self) -> GraphSnapshot:
         """The pose graph over anchors."""
+
+
+class Mapless:
+    """What engines that build no submaps have in common: one anchor that nothing moves."""
+
+    def __init__(self, T_map_anchor: Pose2) -> None:
+        self._T_map_anchor = T_map_anchor
+        self._entries: list[Entry] = [Anchor(0, T_map_anchor, np.eye(3) * 1e6)]
+
+    @property
+    def loop_closures(self) -> int:
+        return 0
+
+    @property
+    def anchors(self) -> FloatArray:
+        return self._T_map_anchor.to_array()[None, :]
+
+    def take_entries(self) -> list[Entry]:
+        entries, self._entries = self._entries, []
+        return entries
+
+    @property
+    def submaps(self) -> "tuple[PackedSubmap, ...]":
+        return ()
+
+    def mapped(self) -> "tuple[PackedSubmap, ...]":
+        return ()
+
+    def graph(self) -> GraphSnapshot:
+        return GraphSnapshot(
+            self.anchors,
+            np.empty((0, 2), dtype=np.int32),
+            np.empty((0, 3)),
+            np.empty((0, 3, 3)),
+        )
