@@ -64,6 +64,10 @@ def recall(folder: Path, robot: str, run: str) -> list[bytes]:
     entries: list[bytes] = []
     for path in sorted(folder.glob(f"{robot}.*.journal")):
         contents = read_contents(path)
+        objection = _objection(contents, robot, run)
+        if objection:
+            log.warning("%s: %s; passed over", path, objection)
+            continue
         for begin, end in contents.damaged:
             log.warning("%s: bytes %d to %d are damaged and passed over", path, begin, end)
         if contents.torn:
@@ -74,10 +78,6 @@ def recall(folder: Path, robot: str, run: str) -> list[bytes]:
                 contents.size,
             )
             os.truncate(path, contents.end)
-        objection = _objection(contents, robot, run)
-        if objection:
-            log.warning("%s: %s; passed over", path, objection)
-            continue
         entries += contents.records[1:]
     return entries
 

@@ -88,7 +88,7 @@ def _accumulate(field, origin, resolution, pose, points, sigma_floor, H, g):
 
 
 @inlined
-def _solve3(A, b, out):
+def solve3(A, b, out):
     """Solve a symmetric positive definite 3×3 system by Cholesky; False when it is singular."""
     if A[0, 0] <= 0.0:
         return False
@@ -223,7 +223,7 @@ def match_returns(
             stretch = MAX_STRETCH
             if seen * MAX_STRETCH > foreseen:
                 stretch = max(foreseen / seen, 0.5)
-        if not _solve3(A, b, step):
+        if not solve3(A, b, step):
             break
         for i in range(3):
             step[i] *= stretch

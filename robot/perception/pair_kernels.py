@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from protocol.kernel import inlined, kernel
-from robot.perception.matching_kernels import _solve3
+from robot.perception.matching_kernels import solve3
 
 # Directions of surfaces are counted by the degree, and may be this many degrees off.
 BINS = 360
@@ -219,7 +219,7 @@ def match_pair(target, links, source, noise, reach, max_iterations, tolerance, p
         information[2, 0] = information[0, 2]
         information[2, 1] = information[1, 2]
         share = used / seen if seen > 0 else 0.0
-        if not _solve3(information, gradient, step):
+        if not solve3(information, gradient, step):
             return share, iterations, False
         pose[0] += c * step[0] - s * step[1]
         pose[1] += s * step[0] + c * step[1]

@@ -107,6 +107,7 @@ def test_journals_of_others_are_told_and_passed_over(
         assert recall(tmp_path, "r1", "run") == [b"mine"]
     for said in ("another run", "another robot, r2", "whose it is"):
         assert any(said in message for message in caplog.messages)
+    assert journal_path(tmp_path, "r1", 3).read_bytes() == b"of another world"
     assert next_incarnation(tmp_path, "r1") == 4
 
 
