@@ -17,6 +17,9 @@ MIN_RETURNS = 12
 # What a return is worth against the prior, in units of 1 / σ².
 TRUST = 1.0
 
+# c² of the kernel by which a prior counts: one that is 3 σ off has half its weight.
+PRIOR_SCALE_SQUARED = 9.0
+
 NO_PRIOR = np.zeros((3, 3))
 
 Reason = Literal["converged", "iterations", "few returns"]
@@ -28,11 +31,13 @@ class Match:
 
     `information` (3×3) is that of the returns alone, in the tangent space at the pose. `score` is
     the field under the returns, by weight, as a share of what noise alone would leave of it.
+    `value` is what was climbed: the field under the returns less the cost of leaving the prior.
     """
 
     T_field_base: Pose2
     information: FloatArray
     score: float
+    value: float
     iterations: int
     converged: bool
     reason: Reason
@@ -50,10 +55,10 @@ def match_returns(
     The prior pulls with its information (3×3, tangent space at the pose); by default not at all.
     """
     if len(returns) < MIN_RETURNS:
-        return Match(prior, np.zeros((3, 3)), 0.0, 0, False, "few returns")
+        return Match(prior, np.zeros((3, 3)), 0.0, 0.0, 0, False, "few returns")
     pose = (start or prior).to_array()
     information = np.zeros((3, 3))
-    score, iterations, converged = matching_kernels.match_returns(
+    score, value, iterations, converged = matching_kernels.match_returns(
         field.nodes,
         field.origin,
         RESOLUTION_M,
@@ -63,6 +68,7 @@ def match_returns(
         TRUST,
         prior.to_array(),
         np.ascontiguousarray(prior_information),
+        PRIOR_SCALE_SQUARED,
         MAX_ITERATIONS,
         TOLERANCE,
         pose,
@@ -72,6 +78,7 @@ def match_returns(
         Pose2.from_array(pose),
         information,
         float(score),
+        float(value),
         int(iterations),
         bool(converged),
         "converged" if converged else "iterations",

@@ -155,12 +155,14 @@ def match_returns(
     trust,
     prior,
     prior_information,
+    prior_scale2,
     max_iterations,
     tolerance,
     pose,
     information,
 ):
-    """Move `pose` uphill on trust · Σ w M − ½ |pose − prior|²; (score, iterations, converged).
+    """Move `pose` uphill on trust · Σ w M − ½ c² ln(1 + |pose − prior|² / c²), c² = `prior_scale2`;
+    (score, that value, iterations, converged).
 
     `information` (3×3) takes that of the returns alone, in the tangent space at the pose. The
     score is Σ w M over what it would be if nothing but noise stood between scan and field.
@@ -184,10 +186,11 @@ def match_returns(
         iterations += 1
         total = _accumulate(field, origin, resolution, candidate, points, sigma_floor, H, g)
         _prior_offset(prior, candidate, offset)
-        value = trust * total
+        squared = 0.0
         for i in range(3):
             for j in range(3):
-                value -= 0.5 * offset[i] * prior_information[i, j] * offset[j]
+                squared += offset[i] * prior_information[i, j] * offset[j]
+        value = trust * total - 0.5 * prior_scale2 * math.log1p(squared / prior_scale2)
         if value < best_value - 1e-9 and halvings < 4:
             halvings += 1
             for i in range(3):
@@ -211,11 +214,12 @@ def match_returns(
             seen += step[i] * b[i]
             for j in range(3):
                 foreseen += step[i] * A[i, j] * step[j]
+        held = 1.0 / (1.0 + squared / prior_scale2)
         for i in range(3):
             b[i] = trust * g[i]
             for j in range(3):
-                A[i, j] = trust * H[i, j] + prior_information[i, j]
-                b[i] -= prior_information[i, j] * offset[j]
+                A[i, j] = trust * H[i, j] + held * prior_information[i, j]
+                b[i] -= held * prior_information[i, j] * offset[j]
                 information[i, j] = trust * H[i, j]
             seen -= step[i] * b[i]
         stretch = 1.0
@@ -234,4 +238,4 @@ def match_returns(
         _move(best, step, candidate)
     pose[:] = best
     score = best_total / full_weight if full_weight > 0.0 else 0.0
-    return score, iterations, converged
+    return score, best_value, iterations, converged

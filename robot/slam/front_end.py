@@ -23,18 +23,27 @@ from robot.slam.submap import Submap
 SEARCH_POINTS = 90
 SEARCH_FLOOR = 0.3
 # Below this share of returns on walls where the place is known, a match is in doubt: a low score
-# alone may also mean that the robot looks into rooms it has not seen.
+# alone may also mean that the robot looks into rooms it has not seen. While the odometry goes on as
+# it did it takes more to doubt it.
 LOST_HITS = 0.92
-# A retry must explain the scan clearly better than the odometry's own answer does.
-RETRY_GAIN = 0.03
+SURELY_LOST_HITS = 0.8
+# Another match must be so much more likely than the odometry's own, by `Match.value`. Scores would
+# prefer the place where more of the scan is mapped: where the robot was before.
+CLEARLY = 5.0
 # Where the odometry leaves more open than this (σ at the median return), the window is searched.
 VAGUE_M = 0.06
-# Keeps a match that starts from a search from sliding along what does not hold it.
-WEAK = np.diag([0.15**-2, 0.15**-2, 0.1**-2])
 # Odometry errs the same way from scan to scan, its covariance says it does not. A prior that
 # believed that would bend the map a little with each of many short steps; one this weak holds only
 # where the scan does not.
 PRIOR_FLOOR = np.diag([0.03**2, 0.03**2, 0.03**2])
+
+
+@dataclass(frozen=True, slots=True)
+class Expected:
+    """Where the odometry puts the robot in the submap, with information (3×3)."""
+
+    pose: Pose2
+    information: FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,18 +135,36 @@ class FrontEnd:
     def _match(self, returns: Returns) -> Match:
         submap = self.current
         if not submap.keyframes:
-            return Match(self.pose, np.zeros((3, 3)), 1.0, 0, True, "converged")
-        information = invert_spd(self._since_match + PRIOR_FLOOR)
-        match = match_returns(submap.field, returns, self.pose, information)
+            return Match(self.pose, np.zeros((3, 3)), 1.0, 0.0, 0, True, "converged")
+        expected = Expected(self.pose, invert_spd(self._since_match + PRIOR_FLOOR))
+        match = self._climb(returns, expected, self.pose)
         if match.reason == "few returns":
             return match
-        if self._is_vague(returns.median_range_m):
+        reach = returns.median_range_m
+        jerked = self._is_jerky(reach)
+        if jerked:
+            steady = self._last_scan_pose @ self._last_motion
+            match = _better(match, self._climb(returns, expected, steady))
+        if self._is_vague(reach):
             half_m, half_rad = self._prior_window()
-            window = Window(self.pose, half_m, half_rad)
-            match = self._search(returns, match, window, 0.02, (self.pose, information))
-        if match.score >= self._config.lost_score or self._hits(match, returns) >= LOST_HITS:
+            match = self._search(returns, match, expected, Window(self.pose, half_m, half_rad))
+        doubtful = LOST_HITS if jerked else SURELY_LOST_HITS
+        if match.score >= self._config.lost_score or self._hits(match, returns) >= doubtful:
             return match
-        return self._retry(returns, match, information)
+        window = Window(self._last_scan_pose, self._config.search_m, self._config.search_rad)
+        return self._search(returns, match, expected, window)
+
+    def _climb(self, returns: Returns, expected: Expected, start: Pose2) -> Match:
+        field = self.current.field
+        return match_returns(field, returns, expected.pose, expected.information, start)
+
+    def _is_jerky(self, reach: float) -> bool:
+        """Whether the odometry stands still or jumps, such that constant velocity would put returns
+        (`reach` m away) out of a climb's reach. After a long way to this scan none is expected."""
+        if math.hypot(self._last_motion.x, self._last_motion.y) > self._config.search_m:
+            return False
+        apart = self.pose.inverse() @ (self._last_scan_pose @ self._last_motion)
+        return max(math.hypot(apart.x, apart.y), abs(apart.theta) * reach) > VAGUE_M
 
     def _is_vague(self, reach: float) -> bool:
         """Whether the odometry's error may carry returns `reach` m away out of a climb's reach."""
@@ -151,48 +178,18 @@ class FrontEnd:
         half_m = 3.0 * math.sqrt(max(variance[0, 0], variance[1, 1])) + 0.1
         return min(half_m, 1.5), min(3.0 * math.sqrt(variance[2, 2]) + 0.02, 1.0)
 
-    def _retry(self, returns: Returns, first: Match, information: FloatArray) -> Match:
-        """Odometry may freeze and jump: try constant velocity, then a wide search."""
-        steady = self._last_scan_pose @ self._last_motion
-        second = match_returns(self.current.field, returns, steady, information)
-        best = self._better(first, second, returns)
-        if self._hits(best, returns) >= LOST_HITS:
-            return best
-        window = Window(self._last_scan_pose, self._config.search_m, self._config.search_rad)
-        third = self._search(returns, best, window, 0.0, None)
-        return self._better(best, third, returns)
-
-    def _search(
-        self,
-        returns: Returns,
-        first: Match,
-        window: Window,
-        gain: float,
-        prior: tuple[Pose2, FloatArray] | None,
-    ) -> Match:
-        """The best match in a window if its score is higher than the first one's by `gain`.
-
-        It is held by the prior (pose and information), or else weakly by what the search found.
-        """
+    def _search(self, returns: Returns, first: Match, expected: Expected, window: Window) -> Match:
+        """The best match in a window, if it is clearly better than the first one."""
         few = returns.thinned(SEARCH_POINTS)
         reach = window.half_m + float(np.hypot(few.points[:, 0], few.points[:, 1]).max())
         seen = self.current.blocks or Blocks.around(self.current.field, window.centre, reach)
         pyramid = Pyramid.of(seen, window.half_m)
-        floor = max(SEARCH_FLOOR, first.score)
-        peak = search(pyramid, few, window, floor)
-        if peak is None:
-            return first
-        expected, information = prior or (peak.pose, WEAK)
-        match = match_returns(self.current.field, returns, expected, information, peak.pose)
-        return match if match.score > first.score + gain else first
+        peak = search(pyramid, few, window, max(SEARCH_FLOOR, first.score))
+        return first if peak is None else _better(first, self._climb(returns, expected, peak.pose))
 
     def _hits(self, match: Match, returns: Returns) -> float:
         """The share of returns on walls, of those that lie where the submap knows the place."""
         return self.current.field.overlay(match.T_field_base, returns, rays=False).hits
-
-    def _better(self, first: Match, second: Match, returns: Returns) -> Match:
-        gain = self._hits(second, returns) - self._hits(first, returns)
-        return second if gain > RETRY_GAIN and second.score > first.score else first
 
     def _accept(self, match: Match) -> None:
         prior = invert_spd(self._since_match + PRIOR_FLOOR)
@@ -256,3 +253,8 @@ class FrontEnd:
         self._next = None
         finished.finish()
         return finished
+
+
+def _better(first: Match, other: Match) -> Match:
+    """The other match only if it is clearly more likely."""
+    return other if other.value > first.value + CLEARLY else first

@@ -80,7 +80,7 @@ def _examine(query: Query, candidate: Candidate, config: ClosureConfig) -> Verdi
     if candidate.half_m > 0.0:
         peak = _search(query, candidate, config)
         if peak is None:
-            nothing = Match(start, np.zeros((3, 3)), 0.0, 0, False, "iterations")
+            nothing = Match(start, np.zeros((3, 3)), 0.0, 0.0, 0, False, "iterations")
             return _measure(query, candidate, nothing, NOT_LAID_OVER, 0.0, "nothing in the window")
         start, ambiguity = peak.pose, peak.runner_up / peak.score
     match = match_returns(field, query.returns, start, WEAK_PRIOR)

@@ -161,6 +161,28 @@ def test_wheels_that_freeze_and_jump_are_overruled(lap: Any) -> None:
     assert errors(slam.trajectory()[-1:], lap.truth[119:120])[0] < 0.1
 
 
+@pytest.mark.parametrize("still", [2, 4])
+def test_wheels_that_stutter_all_the_way_bend_nothing(lap: Any, still: int) -> None:
+    """Every so often some readings are held back and come with the next one, which says no more
+    about itself than others do."""
+    slam = make(lap)
+    held = STILL
+    for k in range(len(lap.scans)):
+        motion = lap.motions[k]
+        together = Motion(
+            held.T_before_now @ motion.T_before_now, held.covariance + motion.covariance
+        )
+        if k % 12 < still and k > 12:
+            held, motion = together, STILL
+        else:
+            held, motion = STILL, together
+        slam.step(k, motion, lap.scans[k])
+    final = errors(slam.trajectory(), lap.truth)
+    assert slam.loop_closures > 5
+    assert np.sqrt(np.mean(final**2)) < 0.03
+    assert final.max() < 0.1
+
+
 def test_steps_without_a_scan_follow_the_wheels(lap: Any) -> None:
     slam = make(lap)
     run(slam, lap, last=10)
