@@ -17,8 +17,14 @@ class FrontEndConfig(Model):
     journal_rad: float = Field(math.radians(18.0), gt=0.0)
     submap_keyframes: int = Field(30, ge=4, description="keyframes of a full submap")
     submap_m: float = Field(8.0, gt=0.5, description="travel of a full submap")
+    doubtful_score: float = Field(
+        0.75,
+        ge=0.0,
+        le=1.0,
+        description="a score below this calls for a search of all that the odometry leaves open",
+    )
     lost_score: float = Field(
-        0.6, ge=0.0, le=1.0, description="a score below this calls for other starting points"
+        0.6, ge=0.0, le=1.0, description="and below this of a wide window, if walls are missed too"
     )
     search_m: float = Field(0.6, gt=0.0, description="window of the wide search when lost, ±")
     search_rad: float = Field(math.radians(100.0), gt=0.0)

@@ -22,11 +22,9 @@ from robot.slam.submap import Submap
 
 SEARCH_POINTS = 90
 SEARCH_FLOOR = 0.3
-# Below this share of returns on walls where the place is known, a match is in doubt: a low score
-# alone may also mean that the robot looks into rooms it has not seen. While the odometry goes on as
-# it did it takes more to doubt it.
+# Below this share of returns on walls where the place is known, a robot may be lost: a low score
+# alone may also mean that it looks into rooms it has not seen.
 LOST_HITS = 0.92
-SURELY_LOST_HITS = 0.8
 # Another match must be so much more likely than the odometry's own, by `Match.value`. Scores would
 # prefer the place where more of the scan is mapped: where the robot was before.
 CLEARLY = 5.0
@@ -141,15 +139,13 @@ class FrontEnd:
         if match.reason == "few returns":
             return match
         reach = returns.median_range_m
-        jerked = self._is_jerky(reach)
-        if jerked:
+        if self._is_jerky(reach):
             steady = self._last_scan_pose @ self._last_motion
             match = _better(match, self._climb(returns, expected, steady))
-        if self._is_vague(reach):
+        if match.score < self._config.doubtful_score or self._is_vague(reach):
             half_m, half_rad = self._prior_window()
             match = self._search(returns, match, expected, Window(self.pose, half_m, half_rad))
-        doubtful = LOST_HITS if jerked else SURELY_LOST_HITS
-        if match.score >= self._config.lost_score or self._hits(match, returns) >= doubtful:
+        if match.score >= self._config.lost_score or self._hits(match, returns) >= LOST_HITS:
             return match
         window = Window(self._last_scan_pose, self._config.search_m, self._config.search_rad)
         return self._search(returns, match, expected, window)
