@@ -183,12 +183,17 @@ class Report(Message):
 
 
 class MapReply(Message):
-    """Answer of `robot/<name>/map`: from the robot's own scans alone, and the joint map."""
+    """Answer of `robot/<name>/map`: from the robot's own scans alone, and the joint map.
+
+    `saved` goes with exact maps: the robot's submaps and pose graph in the frame of its group
+    (docs/map-format.md); nothing of an engine that makes none.
+    """
 
     SCHEMA: ClassVar[str] = "map-reply"
 
     own: GridPatch
     joint: GridPatch
+    saved: bytes = b""
 
 
 class TrajectoryReply(Message):

@@ -33,6 +33,7 @@ from robot.rows import Rows
 from robot.slam.config import GraphSlamConfig
 from robot.slam.engine import Estimate
 from robot.slam.engines import make_engine
+from robot.slam.saved_map import SavedMap
 from robot.slam.trajectory import RelativeTrajectory
 from robot.team.homecoming import Homecoming
 from robot.team.joint import Solution, anchor_pose, anchor_poses
@@ -260,12 +261,18 @@ class Brain:
         with equal joint maps; the others follow a second behind."""
         if not exact:
             own, joint = self._own_map.map, self._joint_map.map
-        else:
-            graph, lidar = self._team.graph, self.config.lidar
-            solution = self._team.standing.exactly(graph).solution
-            own = draw_exactly(graph, self._own_anchors(solution), lidar)
-            joint = draw_exactly(graph, solution, lidar)
-        return MapReply(own=_patch(own.grid()), joint=_patch(joint.grid()))
+            return MapReply(own=_patch(own.grid()), joint=_patch(joint.grid()))
+        graph, lidar = self._team.graph, self.config.lidar
+        solution = self._team.standing.exactly(graph).solution
+        anchors = self._own_anchors(solution)
+        own = draw_exactly(graph, anchors, lidar)
+        joint = draw_exactly(graph, solution, lidar)
+        saved = SavedMap.of(self._engine, anchors[self._team.own_log])
+        return MapReply(
+            own=_patch(own.grid()),
+            joint=_patch(joint.grid()),
+            saved=saved.encode() if saved.submaps else b"",
+        )
 
     def trajectory_reply(self) -> TrajectoryReply:
         """The trajectory so far in the frame of the robots that this one is aligned with, the pose

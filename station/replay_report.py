@@ -28,10 +28,10 @@ from station.pictures import (
 )
 from station.relations import ReferenceErrors, RelationErrors
 from station.replay import Found, Replay, ReplaySettings
+from station.report_folder import SAVED_MAP
 from station.wording import clock_time
 
 PICTURE = "map.png"
-SAVED_MAP = "map.earshot"
 RESOLUTION_M = 0.05
 MARGIN_M = 0.6
 HEAD_PX = 100

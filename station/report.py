@@ -19,6 +19,7 @@ from station.live_status import grid_of
 from station.observer import RunOutcome
 from station.report_folder import TRUE_TRAJECTORY, clear_report
 from station.report_links import draw_links
+from station.report_maps import write_saved_maps
 from station.report_metrics import Metrics, measure
 from station.report_progress import draw_progress
 from station.report_readme import folder_readme
@@ -47,6 +48,7 @@ def write_report(
     _write_ledger(outcome, folder)
     write_text(folder / "README.md", folder_readme(outcome, metrics))
     _write_robots(outcome, folder)
+    write_saved_maps(outcome, folder)
     tracks = tracks_of(outcome)
     joint = team_map(outcome, tracks.shared)
     if joint is not None:

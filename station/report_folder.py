@@ -9,12 +9,14 @@ from protocol.errors import EarshotError
 RUNS = Path("runs")
 LATEST = "latest"
 TRUE_TRAJECTORY = "true.tum"
-TEAM_FILES = ("team.yaml", "team.pgm")
+SAVED_MAP = "map.earshot"
+TEAM_FILES = ("team.yaml", "team.pgm", SAVED_MAP)
 ROBOT_FILES = (
     TRUE_TRAJECTORY,
     *(f"{what}.tum" for what in ("estimated", "online", "dead_reckoned")),
     *(f"{what}_map.{kind}" for what in ("own", "joint") for kind in ("yaml", "pgm")),
     "graph.g2o",
+    SAVED_MAP,
 )
 
 
@@ -42,6 +44,11 @@ def run_folder(out: Path | None, now: datetime | None = None) -> Path:
     return folder
 
 
+def saved_map_of(robot: str) -> str:
+    """The file of the map of a group that is not the largest one, by its first robot."""
+    return SAVED_MAP.replace(".", f"-{robot}.")
+
+
 def clear_report(folder: Path) -> None:
     """Remove what an earlier report left that a new one may not write again, and nothing else.
 
@@ -51,6 +58,7 @@ def clear_report(folder: Path) -> None:
     for name in TEAM_FILES:
         (folder / name).unlink(missing_ok=True)
     for place in robots:
+        (folder / saved_map_of(place.name)).unlink(missing_ok=True)
         for name in ROBOT_FILES:
             (place / name).unlink(missing_ok=True)
         if not any(place.iterdir()):

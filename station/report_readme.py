@@ -21,9 +21,11 @@ def folder_readme(outcome: RunOutcome, metrics: Metrics) -> str:
         ("progress.png", "known area and position errors over time"),
         ("links.png", "who could talk to whom when, and what each pair carried"),
         ("team.yaml, team.pgm", "the joint map that knows most (ROS map_server)"),
+        ("map.earshot", "all their submaps, for `earshot slam LOG --map map.earshot --localise`"),
         ("ledger.json, ledger.txt", "what became of every radio frame"),
         ("ROBOT/own_map.yaml", "map from this robot's scans alone"),
         ("ROBOT/joint_map.yaml", "map from its scans and what it heard from teammates"),
+        ("ROBOT/map.earshot", "its own submaps and pose graph, in the frame that it shares"),
         ("ROBOT/true.tum", "where it was"),
         ("ROBOT/estimated.tum", "where it believes at the end that it was"),
         ("ROBOT/online.tum", "where it believed at each tick that it was"),
@@ -68,7 +70,8 @@ def _standings(metrics: Metrics) -> str:
     )
     return (
         f"Robots whose maps share a frame: {groups}. Pictures and scores place each such group by "
-        "itself, and `team.png` shows the largest: what is not aligned is in no map but its own."
+        "itself, and `team.png` shows the largest: what is not aligned is in no map but its own. "
+        "`map.earshot` is that of the largest, `map-ROBOT.earshot` of another by its first robot."
         "\n\n"
         f"| robots | maps are | because |\n|---|---|---|\n{rows}\n"
     )

@@ -5,7 +5,7 @@ Martinec and Pajdla, "Robust rotation and translation estimation in multiview re
 rotation estimation and its use in pose graph optimization", 2015. In the plane a heading is a
 complex number z of length 1. Leaving the length open makes
 
-    min Σ ω_ij |z_j − z_i exp(iθ_ij)|²,   then   min Σ |R_iᵀ (p_j − p_i) − t_ij|²_Ω
+    min Σ ω_ij |z_j − z_i exp(iθ_ij)|²,   then   min Σ eᵀΩe over the positions
 
 two linear least squares problems, the second with the headings of the first.
 """
@@ -29,8 +29,4 @@ def chordal_start(problem: NormalEquations) -> FloatArray:
     headings = problem.solve()
     if headings is not None:
         nodes[free, 2] = np.arctan2(headings[blocks, 1], headings[blocks, 0])
-    problem.linearise_positions(nodes)
-    positions = problem.solve()
-    if positions is not None:
-        nodes[free, :2] = positions[blocks, :2]
-    return nodes
+    return problem.place(nodes)

@@ -226,10 +226,10 @@ def linearise_headings(
 def linearise_positions(
     nodes, edge_nodes, measurements, information, weights, blocks, slots, diagonal, lower, gradient
 ):
-    """Normal equations of Σ |Tᵀ (p_j − p_i) − R_ijᵀ t|²_Ω with T = R_i R_ij: (x, y, nothing).
+    """Normal equations of Σ eᵀΩe over the positions alone: (x, y, nothing).
 
-    Residuals and weights as in the graph itself, in the frame of the measured node: the error is
-    turned by the measured angle, and what the headings lack of a turn is already decided.
+    Under given headings e is linear: Tᵀ (p_j − p_i − R_i t) with T = R_i R_ij, and an error of the
+    heading that stands.
     """
     diagonal[:] = 0.0
     lower[:] = 0.0
@@ -243,10 +243,14 @@ def linearise_positions(
         w00 = weights[k] * information[k, 0, 0]
         w01 = weights[k] * information[k, 0, 1]
         w11 = weights[k] * information[k, 1, 1]
-        # M = T Ω Tᵀ
+        # M = T Ω Tᵀ, and v = T Ω_xyθ e_θ
         m00 = c * c * w00 - 2.0 * c * s * w01 + s * s * w11
         m01 = c * s * (w00 - w11) + (c * c - s * s) * w01
         m11 = s * s * w00 + 2.0 * c * s * w01 + c * c * w11
+        turn = nodes[j, 2] - nodes[i, 2] - measurements[k, 2]
+        turn = weights[k] * ((turn + math.pi) % (2.0 * math.pi) - math.pi)
+        v0 = turn * (c * information[k, 0, 2] - s * information[k, 1, 2])
+        v1 = turn * (s * information[k, 0, 2] + c * information[k, 1, 2])
         ci = math.cos(nodes[i, 2])
         si = math.sin(nodes[i, 2])
         tx = ci * measurements[k, 0] - si * measurements[k, 1]
@@ -265,8 +269,8 @@ def linearise_positions(
             if blocks[other] < 0:
                 ux += nodes[other, 0]
                 uy += nodes[other, 1]
-            gradient[b, 0] += m00 * ux + m01 * uy
-            gradient[b, 1] += m01 * ux + m11 * uy
+            gradient[b, 0] += m00 * ux + m01 * uy - sign * v0
+            gradient[b, 1] += m01 * ux + m11 * uy - sign * v1
         if bi >= 0 and bj >= 0:
             block = lower[slots[k]]
             block[0] -= m00

@@ -47,6 +47,7 @@ class NormalEquations:
         k = len(self.edge_nodes)
         self.weights = np.ones(k)
         self._robust = np.array(np.zeros(k) if robust is None else robust, dtype=np.bool_)
+        self.is_robust = bool(self._robust.any())
         self._cauchy2 = cauchy_squared
         self._check(fixed)
         self.free = ~np.asarray(fixed, dtype=bool)
@@ -99,9 +100,15 @@ class NormalEquations:
         """Those of the headings as complex numbers of any length (see `chordal`)."""
         kernels.linearise_headings(nodes, *self._arrays())
 
-    def linearise_positions(self, nodes: FloatArray) -> None:
-        """Those of the positions under the headings of `nodes`."""
+    def place(self, nodes: FloatArray) -> FloatArray:
+        """The nodes with the positions that suit their headings best; as they are where the
+        positions are not determined. Edges count by weight, without a kernel."""
         kernels.linearise_positions(nodes, *self._arrays())
+        positions = self.solve()
+        placed = nodes.copy()
+        if positions is not None:
+            placed[self.free, :2] = positions[self.blocks[self.free], :2]
+        return placed
 
     def solve(self, damping: float = 0.0) -> FloatArray | None:
         """What solves the equations as they stand (count×3, in the order of `blocks`); None where

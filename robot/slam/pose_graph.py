@@ -2,9 +2,11 @@
 
 Nodes are poses, edges are measured relative poses with information matrices. The sum of eᵀΩe with
 e = measurement⁻¹ ∘ node_i⁻¹ ∘ node_j (as x, y, θ: g2o's and GTSAM's form) is minimised by
-Gauss-Newton, damped after Levenberg and Marquardt only where a step does not help. The sparse
-pattern is built once. See Grisetti, Kümmerle, Stachniss, Burgard, "A
-tutorial on graph-based SLAM", 2010.
+Gauss-Newton (Grisetti, Kümmerle, Stachniss, Burgard, "A tutorial on graph-based SLAM", 2010), in a
+sparse pattern that is built once. Where a step does not help, its headings are kept and the
+positions solved for: they are linear then, and what a long lever makes of a turn no longer counts
+against it (variable projection; Golub and Pereyra 1973). Where that does not help either, the next
+step is damped after Levenberg and Marquardt.
 """
 
 from dataclasses import dataclass
@@ -81,14 +83,22 @@ def minimise(
     while iterations < max_iterations and damping < MAX_DAMPING:
         iterations += 1
         step = problem.solve(damping)
-        candidate = current if step is None else problem.retract(current, step)
-        new_cost = np.inf if step is None else problem.linearise(candidate)
-        if step is None or not new_cost <= cost * (1.0 + 1e-12):
+        if step is None:
+            candidate, new_cost, still = current, np.inf, False
+        else:
+            candidate = problem.retract(current, step)
+            new_cost, still = problem.linearise(candidate), np.abs(step).max() < STEP_TOLERANCE
+            if new_cost > cost and not problem.is_robust:
+                candidate = problem.place(candidate)
+                new_cost = problem.linearise(candidate)
+        if not new_cost <= cost * (1.0 + 1e-12):
+            converged = bool(still) and damping == 0.0
+            if converged:  # what is left to gain is lost in rounding
+                break
             damping = max(FIRST_DAMPING, damping * 10.0)
             problem.linearise(current)
             continue
-        small_gain = cost - new_cost <= COST_TOLERANCE * cost
-        converged = small_gain or float(np.abs(step).max()) < STEP_TOLERANCE
+        converged = bool(still) or cost - new_cost <= COST_TOLERANCE * cost
         current, cost = candidate, new_cost
         if converged and damping <= FIRST_DAMPING:
             break

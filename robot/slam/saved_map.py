@@ -4,9 +4,11 @@ The format (docs/map-format.md) is msgpack without any code in it: a stranger's 
 but not run anything. What is read is checked before it is used.
 """
 
+import dataclasses
 import hashlib
 import math
 import zlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from protocol.errors import EarshotError
+from protocol.pose import FloatArray
 from robot.slam.engine import Engine, GraphSnapshot
 from robot.slam.packed_submap import PackedGrid, PackedSubmap
 
@@ -35,9 +38,31 @@ class SavedMap:
     submaps: tuple[PackedSubmap, ...]
 
     @staticmethod
-    def of(engine: Engine) -> "SavedMap":
-        """All that an engine has mapped so far."""
-        return SavedMap(engine.graph(), engine.mapped())
+    def of(engine: Engine, anchors: FloatArray | None = None) -> "SavedMap":
+        """All that an engine has mapped so far, or that with its anchors elsewhere (m×3, all of
+        them)."""
+        graph = engine.graph()
+        if anchors is not None:
+            graph = dataclasses.replace(graph, nodes=anchors)
+        return SavedMap(graph, engine.mapped())
+
+    @staticmethod
+    def joined(maps: Sequence["SavedMap"]) -> "SavedMap":
+        """One map of several that share a frame, one after the other; no edge ties them."""
+        offsets = np.cumsum([0, *(len(one.graph.nodes) for one in maps)]).tolist()
+        parts = list(zip(maps, offsets, strict=False))
+        graph = GraphSnapshot(
+            np.concatenate([one.graph.nodes for one in maps]),
+            np.concatenate([one.graph.edge_nodes + np.int32(offset) for one, offset in parts]),
+            np.concatenate([one.graph.measurements for one in maps]),
+            np.concatenate([one.graph.information for one in maps]),
+        )
+        submaps = tuple(
+            dataclasses.replace(submap, index=submap.index + offset)
+            for one, offset in parts
+            for submap in one.submaps
+        )
+        return SavedMap(graph, submaps)
 
     def digest(self) -> str:
         """A hash of the content: equal for equal maps, however their grids were compressed."""

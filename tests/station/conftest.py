@@ -18,6 +18,9 @@ from protocol.messages import (
     TrajectoryReply,
 )
 from protocol.pose import FloatArray, compose, invert
+from robot.slam.engine import GraphSnapshot
+from robot.slam.packed_submap import PackedGrid, PackedSubmap
+from robot.slam.saved_map import SavedMap
 from station.observer import Observer, RobotOutcome, RunOutcome
 from world.report_log import ReportLog
 from world.scenario import GateConfig, RobotSpec, Scenario
@@ -79,6 +82,23 @@ def make_report(simulation: Simulation, index: int) -> Report:
     )
 
 
+SAVED = SavedMap(
+    GraphSnapshot(
+        np.zeros((1, 3)), np.empty((0, 2), np.int32), np.empty((0, 3)), np.empty((0, 3, 3))
+    ),
+    (
+        PackedSubmap(
+            index=0,
+            keyframes=np.zeros((1, 3)),
+            travel_m=0.0,
+            nodes=PackedGrid.of(np.full((8, 8), 255, np.uint8)),
+            free=PackedGrid.of(np.ones((2, 2), np.uint8)),
+            origin=np.zeros(2),
+        ),
+    ),
+)
+
+
 def make_map_reply(simulation: Simulation, share: float) -> MapReply:
     """The truth, as far as the left `share` of the building."""
     grid = simulation.terrain.grid
@@ -90,7 +110,7 @@ def make_map_reply(simulation: Simulation, share: float) -> MapReply:
         origin_y_m=grid.origin_y,
         cells=cells,
     )
-    return MapReply(own=patch, joint=patch)
+    return MapReply(own=patch, joint=patch, saved=SAVED.encode())
 
 
 def make_trajectory_reply(simulation: Simulation, index: int) -> TrajectoryReply:

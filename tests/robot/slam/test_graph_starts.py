@@ -70,6 +70,35 @@ def test_it_leads_where_the_true_nodes_lead() -> None:
     assert by_start.chi2 == pytest.approx(by_truth.chi2, rel=1e-5)
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_a_valley_that_turns_is_followed_to_its_end(seed: int) -> None:
+    """Sure of places, unsure of headings: what a step turns it must also move, along an arc."""
+    nodes, edges, measured, information = ring(90, seed, 0.01)
+    measured[:, 2] += 0.2 * np.random.default_rng(2).standard_normal(len(edges))
+    information[:] = np.diag([1e4, 1e4, 25.0])
+    fixed = first_fixed(90)
+    start = chordal_start(nodes, edges, measured, information, fixed)
+    by_start = optimise(start, edges, measured, information, fixed)
+    by_truth = optimise(nodes, edges, measured, information, fixed)
+    assert by_start.converged
+    assert by_truth.converged
+    assert by_start.chi2 == pytest.approx(by_truth.chi2, rel=1e-4)
+
+
+def test_a_chain_is_at_its_optimum() -> None:
+    nodes, edges, measured, information = ring(30, 1, 0.02)
+    steps = slice(0, 29)
+    start = [nodes[0]]
+    for step in measured[steps]:
+        start.append(compose(start[-1], step))
+    found = optimise(
+        np.array(start), edges[steps], measured[steps], information[steps], first_fixed(30)
+    )
+    assert found.converged
+    assert found.iterations == 1
+    assert found.chi2 < 1e-20
+
+
 def test_fixed_nodes_stay_and_nothing_to_do_is_done() -> None:
     nodes, edges, measured, information = ring(12, 0, 0.02)
     fixed = np.zeros(12, dtype=bool)
