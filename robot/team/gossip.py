@@ -13,10 +13,10 @@ from robot.team.journal import EntryName, Journal, LogName, decode_record
 from robot.team.parcels import ENTRIES, Named, cost_of, pack, unpack_entries, unpack_part
 
 SPEAK_EVERY_TICKS = 20  # what comes in between shares a frame
-IN_RANGE_TICKS = 25  # two beacons missed: out of range
-RESEND_TICKS = 20  # a newer vector would have come by now
-RELAY_TICKS = 50  # the owner had its chance
-GREETING_TICKS = 15  # its first beacon was sent before it heard anybody
+IN_RANGE_TICKS = 45  # two beacons missed: out of range
+RESEND_TICKS = 40  # a newer vector would have come by now
+RELAY_TICKS = 80  # the owner had its chance
+GREETING_TICKS = 25  # its first beacon was sent before it heard anybody
 
 
 @dataclass(slots=True)

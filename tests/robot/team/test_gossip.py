@@ -91,7 +91,7 @@ def test_entries_travel_through_a_third_robot() -> None:
         team.write(knowledge(name, 12))
     exchange(teams, range(22), {frozenset(("r1", "r2"))})
     # Robots that meet listen first to whom the other hears.
-    exchange(teams, range(22, 62), {frozenset(("r2", "r3"))})
+    exchange(teams, range(22, 84), {frozenset(("r2", "r3"))})
     assert teams["r3"].journal.count_of("r1") == 12 + 3
     assert teams["r2"].journal.digest() == teams["r3"].journal.digest()
 
@@ -129,8 +129,8 @@ def test_nobody_is_told_at_once_what_he_wrote_himself() -> None:
 def test_nothing_new_is_sent_between_equals() -> None:
     teams = {name: make_team(name) for name in ("r1", "r2")}
     teams["r1"].write(knowledge("r1", 20))
-    exchange(teams, range(40), {frozenset(("r1", "r2"))})
-    frames = [frame for tick in range(40, 80) for frame in teams["r1"].speak(tick, LIVE)]
+    exchange(teams, range(42), {frozenset(("r1", "r2"))})
+    frames = [frame for tick in range(42, 82) for frame in teams["r1"].speak(tick, LIVE)]
     assert not [frame for frame in frames if frame.kind == ENTRIES]
 
 
