@@ -43,7 +43,7 @@ from robot.team.team import LiveState, Team
 
 FOLLOW_EVERY_TICKS = 10
 DRAWN_PER_TICK = 8
-FRESH_TICKS = 50  # a beacon older than this says nothing of where a teammate is
+FRESH_TICKS = 60  # a beacon older than this says nothing of where a teammate is
 
 
 class Brain:

@@ -21,7 +21,7 @@ from robot.perception.odometry import Motion
 from robot.perception.scan import LaserScan
 
 RETREAT_DELAY_TICKS = 3
-MATE_FRESH_TICKS = 15
+MATE_FRESH_TICKS = 25
 CROWDED_M, CROWDED_S = 0.9, 2.0
 BACK_UP_MPS, TURN_RPS = -0.15, 0.8
 # Encoders are noisy; the drive does what it was told unless it is blocked.

@@ -21,7 +21,7 @@ from robot.explore.retreat import Retreat
 STUCK_S, STUCK_M = 4.0, 0.12
 FORGIVEN_M = 1.0  # so far from where it was stuck a robot starts counting anew
 MEETING_M, MEETING_RAD = 1.3, math.radians(80.0)
-FRESH_TICKS = 20
+FRESH_TICKS = 25
 GIVE_WAY_S, WAIT_S, BACK_S, TURN_S = 25.0, 4.0, 2.5, 2.5
 PASSED_M, PASSED_S = 1.2, 1.0
 WAY_IS_FREE_M = 1.6

@@ -32,6 +32,8 @@ START_INFORMATION = np.eye(3) * 1e6
 # Of an anchor that is held by a closure instead.
 UNTIED = np.eye(3) * 1e-2
 JOB = "loop-closure"
+# From here on a turn on the spot shows nothing that was not seen before it.
+ALL_ROUND_RAD = 2.0 * math.pi - 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,6 +59,7 @@ class GraphSlam:
         del body
         self._config = config or GraphSlamConfig()
         self._jobs = jobs
+        self._sees_all_round = lidar.field_of_view_rad >= ALL_ROUND_RAD
         self._front_end = FrontEnd(lidar, self._config.front_end)
         self._graph = AnchorGraph(start)
         self._candidates = CandidateFinder(self._config.closures)
@@ -232,7 +235,7 @@ class GraphSlam:
         if self._last_keyframe is not None:
             moved = self._last_keyframe.inverse() @ pose
             near = math.hypot(moved.x, moved.y) < config.journal_m
-            if near and abs(moved.theta) < config.journal_rad:
+            if near and (self._sees_all_round or abs(moved.theta) < config.journal_rad):
                 return
         if not self._is_wanted(pose):
             return
@@ -244,18 +247,19 @@ class GraphSlam:
         self._keyframes += 1
 
     def _is_wanted(self, pose: Pose2) -> bool:
-        """Whether few keyframes show this place from this side; counts one more if so."""
+        """Whether few keyframes show this place from this side; counts one more if so.
+
+        A scan that sees all round is one for every heading."""
         if self._explored and self._front_end.current.finished:
             return False
         config = self._revisits
-        place = (
-            math.floor(pose.x / config.place_m),
-            math.floor(pose.y / config.place_m),
-            math.floor(pose.theta / config.place_rad),
-        )
+        side, enough = math.floor(pose.theta / config.place_rad), config.enough_keyframes
+        if self._sees_all_round:
+            side, enough = 0, math.ceil(enough * config.place_rad / (2.0 * math.pi))
+        place = (math.floor(pose.x / config.place_m), math.floor(pose.y / config.place_m), side)
         kept = self._kept.get(place, 0)
-        self._kept[place] = max(kept, min(kept + 1, config.enough_keyframes))
-        return kept < config.enough_keyframes
+        self._kept[place] = max(kept, min(kept + 1, enough))
+        return kept < enough
 
     def _forget_places(self) -> None:
         """What was kept of the places around here does not show what is there now."""

@@ -2,11 +2,11 @@
 
 A beacon is a msgpack list:
 
-    [incarnation, anchor, pose, sigma, goal or None, finished, hears, vector, sees]
+    [incarnation, anchor, pose and sigma, goal or None, finished, hears, vector, sees]
 
-`pose` (3 float32) is relative to the sender's own anchor `anchor`, as is the goal (3 float16), so
-that it means something to everyone who holds that anchor, whatever frame they map in. `sigma` is
-3 float16. `hears` names the robots that the sender heard lately; `vector` is its version vector,
+`pose` is relative to the sender's own anchor `anchor`, as is the goal, so that it means something
+to everyone who holds that anchor, whatever frame they map in; `robot.team.packing` says how they
+are packed. `hears` names the robots that the sender heard lately; `vector` is its version vector,
 [[robot, incarnation, count], …]. With `hears`, others know which entries they need not relay.
 `sees` is whom the sender sees at that tick, [[robot, range and bearing (2 float32)], …].
 """
@@ -21,6 +21,14 @@ from protocol.errors import MalformedMessageError
 from protocol.messages import Sighting
 from protocol.pose import FloatArray, Pose2
 from robot.team.journal import MAX_SEQUENCE, LogName
+from robot.team.packing import (
+    POSE_BYTES,
+    pack_pose,
+    pack_sigma,
+    split,
+    unpack_pose,
+    unpack_sigma,
+)
 
 MAX_TEAM = 256
 
@@ -45,9 +53,8 @@ def encode_beacon(beacon: Beacon) -> bytes:
     fields = [
         beacon.incarnation,
         beacon.anchor,
-        beacon.T_anchor_base.to_array().astype("<f4").tobytes(),
-        np.asarray(beacon.sigma, dtype="<f2").tobytes(),
-        None if goal is None else goal.to_array().astype("<f2").tobytes(),
+        pack_pose(beacon.T_anchor_base) + pack_sigma(beacon.sigma),
+        None if goal is None else pack_pose(goal),
         beacon.finished,
         list(beacon.hears),
         [[log.robot, log.incarnation, count] for log, count in beacon.vector.items()],
@@ -64,13 +71,14 @@ def decode_beacon(data: bytes) -> Beacon:
     """Raises MalformedMessageError on anything that `encode_beacon` does not write."""
     try:
         fields = msgpack.unpackb(data, raw=False, max_map_len=0, max_ext_len=0)
-        incarnation, anchor, pose, sigma, goal, finished, hears, vector, sees = fields
+        incarnation, anchor, where, goal, finished, hears, vector, sees = fields
+        pose, sigma = split(where, POSE_BYTES)
         return Beacon(
             _number(incarnation),
             _number(anchor),
-            Pose2.from_array(_floats(pose, 3)),
-            _floats(sigma, 3, "<f2"),
-            None if goal is None else Pose2.from_array(_floats(goal, 3, "<f2")),
+            unpack_pose(pose),
+            unpack_sigma(sigma),
+            None if goal is None else unpack_pose(goal),
             bool(finished),
             tuple(_name(robot) for robot in _list(hears)),
             {
@@ -88,8 +96,8 @@ def _sighting(robot: Any, where: Any) -> Sighting:
     return Sighting(robot=_name(robot), range_m=range_m, bearing_rad=bearing)
 
 
-def _floats(data: Any, count: int, form: str = "<f4") -> FloatArray:
-    values = np.frombuffer(data, dtype=form).astype(np.float64)
+def _floats(data: Any, count: int) -> FloatArray:
+    values = np.frombuffer(data, dtype="<f4").astype(np.float64)
     if values.shape != (count,) or not np.isfinite(values).all() or np.abs(values).max() > 1e6:
         raise ValueError(f"expected {count} finite numbers")
     return values

@@ -1,17 +1,17 @@
 """Journal entries as bytes: what a robot knows, in a form that every robot can use.
 
-An entry is msgpack: a list whose first item says what it is. Relative poses are float32 (their
-error over a submap of 10 m is below a micrometre), so an engine and the journal agree on them.
+An entry is msgpack: a list whose first item says what it is.
 
     hello     [0, start or None, beams, angle_min, increment, max_range, radius]
     anchor    [1, index, pose, information]
-    keyframe  [2, tick, anchor, pose, covariance, scan]
-    closure   [3, of, to, pose, information]
-    link      [4, of, robot, incarnation, to, pose, information, evidence]
+    keyframe  [2, tick, anchor, pose, sigma and scan]
+    closure   [3, of, to, pose and information]
+    link      [4, of, robot, incarnation, to, pose, information and evidence]
 
-A pose is 3 float32 (x, y, θ). A symmetric 3×3 matrix is its Cholesky factor, 6 float16 (lower
-triangle, row by row), so that whatever the bytes, what is read has no negative eigenvalue.
-Evidence is 5 bytes: the kind, then overlap, hits, crossing and ambiguity in 255ths.
+What stands together is one string of bytes, packed as `robot.team.packing` says. The pose of an
+anchor, on whose chain a log hangs, is 3 float32 (x, y, θ). Of the covariance of a keyframe only
+what each coordinate errs by is kept. Evidence is 5 bytes: the kind, then overlap, hits, crossing
+and ambiguity in 255ths.
 """
 
 import math
@@ -28,11 +28,23 @@ from protocol.pose import FloatArray, Pose2
 from robot.slam.engine import Anchor, Closure, Entry, Keyframe
 from robot.team.evidence import ASSUMED, Evidence, Kind
 from robot.team.journal import LogName
+from robot.team.packing import (
+    MATRIX_BYTES,
+    POSE_BYTES,
+    SIGMA_BYTES,
+    pack_matrix,
+    pack_pose,
+    pack_sigma,
+    sized,
+    split,
+    unpack_matrix,
+    unpack_pose,
+    unpack_sigma,
+)
 from robot.team.scan_codec import MAX_BEAMS, compress_scan, decompress_scan
 
 HELLO, ANCHOR, KEYFRAME, CLOSURE, LINK = 0, 1, 2, 3, 4
-LOWER = np.tril_indices(3)
-MAX_FLOAT16 = float(np.finfo(np.float16).max)
+EVIDENCE_BYTES = 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,15 +129,17 @@ def _fields(entry: Entry | Hello | Link) -> list[Any]:
         lidar = [entry.beams, entry.angle_min, entry.increment, entry.max_range_m]
         return [HELLO, start, *lidar, entry.radius_m]
     if isinstance(entry, Anchor):
-        return [ANCHOR, entry.index, _pose(entry.T_previous_anchor), _matrix(entry.information)]
+        pose = entry.T_previous_anchor.to_array().astype("<f4").tobytes()
+        return [ANCHOR, entry.index, pose, pack_matrix(entry.information)]
     if isinstance(entry, Keyframe):
-        pose, covariance = _pose(entry.T_anchor_keyframe), _matrix(entry.covariance)
-        return [KEYFRAME, entry.tick, entry.anchor, pose, covariance, compress_scan(entry.ranges)]
+        seen = pack_sigma(np.sqrt(np.diag(entry.covariance))) + compress_scan(entry.ranges)
+        return [KEYFRAME, entry.tick, entry.anchor, pack_pose(entry.T_anchor_keyframe) + seen]
     if isinstance(entry, Link):
-        pose, information = _pose(entry.T_of_to), _matrix(entry.information)
-        evidence = _shares(entry.evidence)
-        return [LINK, entry.of, *entry.log, entry.to, pose, information, evidence]
-    return [CLOSURE, entry.of, entry.to, _pose(entry.T_of_to), _matrix(entry.information)]
+        measured = (
+            pack_pose(entry.T_of_to) + pack_matrix(entry.information) + _shares(entry.evidence)
+        )
+        return [LINK, entry.of, *entry.log, entry.to, measured]
+    return [CLOSURE, entry.of, entry.to, pack_pose(entry.T_of_to) + pack_matrix(entry.information)]
 
 
 def decode_entry(body: bytes, index: int) -> Known:
@@ -147,7 +161,7 @@ def decode_entry(body: bytes, index: int) -> Known:
 def _decode_hello(rest: list[Any], _: int) -> Hello:
     start, beams, angle_min, increment, max_range, radius = rest
     if start is not None:
-        values = np.frombuffer(_sized(start, 24), dtype="<f8")
+        values = np.frombuffer(sized(start, 24), dtype="<f8")
         if not np.isfinite(values).all():
             raise ValueError("the start is not finite")
         start = Pose2.from_array(values)
@@ -159,41 +173,47 @@ def _decode_hello(rest: list[Any], _: int) -> Hello:
 
 def _decode_anchor(rest: list[Any], _: int) -> Anchor:
     index, pose, information = rest
-    return Anchor(_count(index), _read_pose(pose), _read_matrix(information))
+    values = np.frombuffer(sized(pose, 12), dtype="<f4").astype(np.float64)
+    if not np.isfinite(values).all() or np.abs(values).max() > 1e6:
+        raise ValueError("a pose is out of bounds")
+    return Anchor(_count(index), Pose2.from_array(values), unpack_matrix(information))
 
 
 def _decode_keyframe(rest: list[Any], index: int) -> StoredKeyframe:
-    tick, anchor, pose, covariance, scan = rest
+    tick, anchor, seen = rest
+    pose, sigma, scan = split(seen, POSE_BYTES, SIGMA_BYTES)
     return StoredKeyframe(
         index,
         _count(tick),
         _count(anchor),
-        _read_pose(pose),
-        _read_matrix(covariance),
-        len(decompress_scan(_sized(scan, None))),
+        unpack_pose(pose),
+        np.diag(unpack_sigma(sigma) ** 2),
+        len(decompress_scan(scan)),
         scan,
     )
 
 
 def _decode_closure(rest: list[Any], _: int) -> Closure:
-    of, to, pose, information = rest
+    of, to, measured = rest
+    pose, information = split(measured, POSE_BYTES)
     if of == to:
         raise ValueError("a closure joins an anchor with itself")
-    return Closure(_count(of), _count(to), _read_pose(pose), _read_matrix(information))
+    return Closure(_count(of), _count(to), unpack_pose(pose), unpack_matrix(information))
 
 
 def _decode_link(rest: list[Any], _: int) -> Link:
-    of, robot, incarnation, to, pose, information, evidence = rest
+    of, robot, incarnation, to, measured = rest
     if not isinstance(robot, str) or not 0 < len(robot) <= 32:
         raise ValueError("the robot's name is missing")
     log = LogName(robot, _count(incarnation))
-    kind, *shares = _sized(evidence, 5)
+    pose, information, evidence = split(measured, POSE_BYTES, MATRIX_BYTES)
+    kind, *shares = sized(evidence, EVIDENCE_BYTES)
     return Link(
         _count(of),
         log,
         _count(to),
-        _read_pose(pose),
-        _read_matrix(information),
+        unpack_pose(pose),
+        unpack_matrix(information),
         Evidence(Kind(kind), *(share / 255.0 for share in shares)),
     )
 
@@ -207,50 +227,9 @@ _DECODERS: dict[int, Callable[[list[Any], int], Known]] = {
 }
 
 
-def _pose(pose: Pose2) -> bytes:
-    return pose.to_array().astype("<f4").tobytes()
-
-
-def _matrix(matrix: FloatArray) -> bytes:
-    factor = _cholesky(matrix)[LOWER]
-    return np.clip(factor, -MAX_FLOAT16, MAX_FLOAT16).astype("<f2").tobytes()
-
-
-def _cholesky(matrix: FloatArray) -> FloatArray:
-    """The lower factor of a 3×3 matrix, also of one that is singular."""
-    factor = np.zeros((3, 3))
-    for k in range(3):
-        below = matrix[k:, k] - factor[k:, :k] @ factor[k, :k]
-        if below[0] > 0.0:
-            factor[k:, k] = below / math.sqrt(below[0])
-    return factor
-
-
 def _shares(evidence: Evidence) -> bytes:
     shares = (evidence.overlap, evidence.hits, evidence.crossing, evidence.ambiguity)
     return bytes([evidence.kind, *(round(255.0 * min(max(s, 0.0), 1.0)) for s in shares)])
-
-
-def _read_pose(data: object) -> Pose2:
-    values = np.frombuffer(_sized(data, 12), dtype="<f4").astype(np.float64)
-    if not np.isfinite(values).all() or np.abs(values).max() > 1e6:
-        raise ValueError("a pose is out of bounds")
-    return Pose2.from_array(values)
-
-
-def _read_matrix(data: object) -> FloatArray:
-    values = np.frombuffer(_sized(data, 12), dtype="<f2").astype(np.float64)
-    if not np.isfinite(values).all():
-        raise ValueError("a matrix is not finite")
-    factor = np.zeros((3, 3))
-    factor[LOWER] = values
-    return factor @ factor.T
-
-
-def _sized(data: object, size: int | None) -> bytes:
-    if not isinstance(data, bytes) or (size is not None and len(data) != size):
-        raise ValueError(f"expected {size or 'some'} bytes")
-    return data
 
 
 def _count(value: object, limit: int = 2**53) -> int:

@@ -12,11 +12,11 @@ from protocol.messages import RadioFrame
 from robot.team.journal import EntryName, Journal, LogName, decode_record
 from robot.team.parcels import ENTRIES, Named, cost_of, pack, unpack_entries, unpack_part
 
-SPEAK_EVERY_TICKS = 10  # what comes in between shares a frame
-IN_RANGE_TICKS = 25  # two beacons missed: out of range
-RESEND_TICKS = 20  # a newer vector would have come by now
-RELAY_TICKS = 50  # the owner had its chance
-GREETING_TICKS = 15  # its first beacon was sent before it heard anybody
+SPEAK_EVERY_TICKS = 20  # what comes in between shares a frame
+IN_RANGE_TICKS = 45  # two beacons missed: out of range
+RESEND_TICKS = 40  # a newer vector would have come by now
+RELAY_TICKS = 80  # the owner had its chance
+GREETING_TICKS = 25  # its first beacon was sent before it heard anybody
 
 
 @dataclass(slots=True)
@@ -91,17 +91,18 @@ class Gossip:
         """
         frames: list[RadioFrame] = []
         for name in self.in_range(tick):
-            chosen = self._choose(self.peers[name], tick, self._bytes_per_tick - spent_bytes)
+            chosen = self._choose(name, tick, self._bytes_per_tick - spent_bytes)
             frames += pack(name, chosen)
         return frames
 
-    def _choose(self, peer: Peer, tick: int, budget: int) -> list[Named]:
+    def _choose(self, receiver: str, tick: int, budget: int) -> list[Named]:
         """What to send: own entries first, then those of others, oldest first in each log."""
+        peer = self.peers[receiver]
         wanted = [
             name
             for name in self._journal.beyond(peer.vector)
             if tick - peer.sent.get(name, -RESEND_TICKS) >= RESEND_TICKS
-            if self._is_mine_to_send(peer, name.log, tick)
+            if self._is_mine_to_send(receiver, name.log, tick)
         ]
         chosen: list[Named] = []
         for name in sorted(wanted, key=lambda name: name.log.robot != self._name):
@@ -115,11 +116,13 @@ class Gossip:
         peer.sent.update((name, tick) for name, _ in chosen)
         return chosen
 
-    def _is_mine_to_send(self, peer: Peer, log: LogName, tick: int) -> bool:
-        """Whether it is this robot's log, or one that its owner does not seem to send."""
+    def _is_mine_to_send(self, receiver: str, log: LogName, tick: int) -> bool:
+        """Whether it is this robot's log, or one that its owner does not seem to send. The owner
+        itself lacks of it what it lost in a crash, not what its last beacon did not know yet."""
+        peer = self.peers[receiver]
         if log.robot == self._name:
             return True
-        if log.robot in peer.hears:
+        if log.robot == receiver or log.robot in peer.hears:
             return tick - peer.stuck.get(log, tick) >= RELAY_TICKS
         return tick - peer.met >= GREETING_TICKS
 

@@ -6,8 +6,8 @@ like a loop closure of our own; what passes ties the two logs together in the jo
 """
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from robot.jobs import Jobs
 from robot.perception.returns import describe_returns, noise_model
 from robot.perception.scan import LaserScan
 from robot.slam.config import GraphSlamConfig
+from robot.slam.gaussian import invert_spd
 from robot.slam.loop_closure import Candidate, Query, Verdict, examine
 from robot.slam.packed_submap import PackedSubmap
 from robot.team.entries import Link, StoredKeyframe
@@ -158,7 +159,8 @@ def _near(
 def find_links(
     trials: tuple[Trial, ...], noise: FloatArray, config: GraphSlamConfig
 ) -> tuple[Link, ...]:
-    """Match and judge; what was accepted, as links. Pure: runs as a job."""
+    """Match and judge; what was accepted of the keyframes of one anchor, as one link. Pure: runs as
+    a job."""
     links = []
     for trial in trials:
         keyframe = trial.keyframe
@@ -171,7 +173,19 @@ def find_links(
             links.append(
                 Link(verdict.of, trial.log, verdict.to, verdict.T_of_to, verdict.information)
             )
-    return tuple(links)
+    return (fuse(links),) if links else ()
+
+
+def fuse(links: Sequence[Link]) -> Link:
+    """What several measurements of the same two anchors say together, to first order."""
+    fused = links[0]
+    for link in links[1:]:
+        information = fused.information + link.information
+        shift = (fused.T_of_to.inverse() @ link.T_of_to).log()
+        step = invert_spd(information) @ (link.information @ shift)
+        T_of_to = fused.T_of_to @ Pose2.exp(step)
+        fused = replace(fused, T_of_to=T_of_to, information=information)
+    return fused
 
 
 def _is_where_expected(trial: Trial, verdict: Verdict) -> bool:

@@ -3,9 +3,9 @@ differences.
 
 Format: the number of beams (uint16, little-endian), then one whole number for each beam as
 `scan_kernels.encode` writes them: 0 where the beam says nothing, 1 where nothing was hit, else
-2 + round(u(r)) with u(r) = ln(1 + b r / a) / b. Steps of u are a + b r wide, a = 2 cm and b = 1 %:
-twice what a common range finder errs by (σ = 1 cm + 0.5 % of the range). The error of a range is at
-most half a step, which adds a third to the variance of such a sensor.
+2 + round(u(r)) with u(r) = ln(1 + b r / a) / b. Steps of u are a + b r wide, a = 2.5 cm and
+b = 1.25 %: two and a half times what a common range finder errs by (σ = 1 cm + 0.5 % of the range).
+The error of a range is at most half a step, which adds half to the variance of such a sensor.
 """
 
 import struct
@@ -16,7 +16,7 @@ from protocol.errors import MalformedMessageError
 from protocol.pose import FloatArray
 from robot.team import scan_kernels
 
-STEP_M, STEP_SHARE = 0.02, 0.01
+STEP_M, STEP_SHARE = 0.025, 0.0125
 MAX_BEAMS = 4096
 NOTHING_KNOWN, NOTHING_HIT, FIRST_RANGE = 0, 1, 2
 MAX_CODE = 4096

@@ -21,7 +21,8 @@ from robot.team.parcels import ENTRIES, FRAME_OVERHEAD_BYTES, PART
 from robot.team.standing import Standing
 
 BEACON = "beacon"
-BEACON_EVERY_TICKS = 10
+BEACON_EVERY_TICKS = 20
+MEETING_TICKS = 10  # while a robot is seen whose map does not fit yet: beacons tell how it stands
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,7 +159,8 @@ class Team:
         self._meetings.remember(tick, live.anchor, live.T_anchor_base, live.sightings)
         frames: list[RadioFrame] = []
         spent = 0
-        if tick % BEACON_EVERY_TICKS == 0:
+        meeting = any(not self._is_placed(seen.robot) for seen in live.sightings)
+        if tick % (MEETING_TICKS if meeting else BEACON_EVERY_TICKS) == 0:
             payload = encode_beacon(self._beacon(tick, live))
             frames.append(RadioFrame(kind=BEACON, payload=payload))
             spent = len(payload) + FRAME_OVERHEAD_BYTES
@@ -187,6 +189,10 @@ class Team:
     def solve(self, tick: int) -> bool:
         """Keep alignment and joint solution up to date, by jobs; True when a new one landed."""
         return self.standing.step(tick, self._jobs, self.graph)
+
+    def _is_placed(self, robot: str) -> bool:
+        """Whether the map of a robot shares this one's frame."""
+        return any(log.robot == robot for log in self.solution)
 
     def teammate_pose(self, name: str) -> tuple[Pose2, Pose2 | None] | None:
         """Pose and goal of a teammate by its last beacon, in this robot's frame, if known."""

@@ -9,6 +9,7 @@ from robot.slam.engine import Anchor
 from robot.team.entries import Hello, Link, decode_entry, encode_entry
 from robot.team.joint import JointGraph, solve
 from robot.team.journal import LogName
+from robot.team.links import fuse
 from robot.team.log_graph import LogGraph
 from world.scenario import RobotSpec, Scenario
 from world.simulation import Simulation
@@ -35,8 +36,20 @@ def test_a_link_survives_its_encoding() -> None:
     link = Link(3, TWO, 7, Pose2(0.5, -0.25, 1.0), np.eye(3) * 64.0)
     back = decode_entry(encode_entry(link), 0)
     assert isinstance(back, Link)
-    assert (back.of, back.log, back.to, back.T_of_to) == (3, TWO, 7, link.T_of_to)
+    assert (back.of, back.log, back.to) == (3, TWO, 7)
+    assert np.abs((back.T_of_to.inverse() @ link.T_of_to).log()).max() < 3e-4
     np.testing.assert_array_equal(back.information, link.information)
+
+
+def test_measurements_of_the_same_anchors_become_one_link() -> None:
+    """As the least-squares solution of both has it, with the information of both."""
+    one = Link(3, TWO, 7, Pose2(1.0, 0.0, 0.5), np.diag([100.0, 300.0, 1000.0]))
+    two = Link(3, TWO, 7, one.T_of_to @ Pose2(0.04, 0.04, 0.02), np.diag([300.0, 100.0, 1000.0]))
+    both = fuse([one, two])
+    step = (one.T_of_to.inverse() @ both.T_of_to).log()
+    np.testing.assert_allclose(step, [0.03, 0.01, 0.01], atol=5e-4)
+    np.testing.assert_array_equal(both.information, one.information + two.information)
+    assert fuse([one]) is one
 
 
 def test_a_link_pulls_two_logs_together() -> None:
