@@ -29,18 +29,23 @@ def draw_returns(field, origin, resolution, pose, returns, links, count, sigma_f
 
     `pose` (x, y, θ) maps the returns into the field's frame. A return with a larger σ than
     `sigma_floor` is drawn wider and, in the same measure, lower: a precise look beats a vague one.
+    A mirrored scan draws the mirror image: with the σ of its first end alone for a segment all walls
+    would be turned a little, the same way round.
     """
     c = math.cos(pose[2])
     s = math.sin(pose[2])
     for k in range(count):
-        sigma = math.sqrt(sigma_floor * sigma_floor + returns[k, 5] ** 2)
-        ax = (pose[0] + c * returns[k, 0] - s * returns[k, 1] - origin[0]) / resolution
-        ay = (pose[1] + s * returns[k, 0] + c * returns[k, 1] - origin[1]) / resolution
-        bx, by = ax, ay
+        j = k
         if links[k] == 1:
             j = k + 1 if k + 1 < count else 0
-            bx = (pose[0] + c * returns[j, 0] - s * returns[j, 1] - origin[0]) / resolution
-            by = (pose[1] + s * returns[j, 0] + c * returns[j, 1] - origin[1]) / resolution
+        elif links[k - 1 if k > 0 else count - 1] == 1:
+            continue  # it is the end of a segment
+        variance = 0.5 * (returns[k, 5] ** 2 + returns[j, 5] ** 2)
+        sigma = math.sqrt(sigma_floor * sigma_floor + variance)
+        ax = (pose[0] + c * returns[k, 0] - s * returns[k, 1] - origin[0]) / resolution
+        ay = (pose[1] + s * returns[k, 0] + c * returns[k, 1] - origin[1]) / resolution
+        bx = (pose[0] + c * returns[j, 0] - s * returns[j, 1] - origin[0]) / resolution
+        by = (pose[1] + s * returns[j, 0] + c * returns[j, 1] - origin[1]) / resolution
         _draw_segment(field, ax, ay, bx, by, sigma / resolution, sigma_floor / sigma)
 
 

@@ -75,6 +75,19 @@ def test_fields_have_no_half_cell_bias(room: Any) -> None:
     assert np.abs(np.mean(offsets, axis=0)).max() < 0.002
 
 
+def test_a_mirrored_scan_draws_the_mirrored_field(room: Any) -> None:
+    """What turns walls the same way round in every scan turns a whole map."""
+    modern = LidarConfig()
+    scan = room.scan(HERE, modern, np.random.default_rng(7))
+    beams = np.arange(len(scan.ranges))
+    mirrored = LaserScan(scan.ranges[-beams], scan.angles, scan.max_range_m)
+    fields = [CorrelationField.around(12.0), CorrelationField.around(12.0)]
+    fields[0].draw(HERE, returns_of(scan, modern))
+    fields[1].draw(Pose2(HERE.x, -HERE.y, -HERE.theta), returns_of(mirrored, modern))
+    apart = fields[0].nodes.astype(int) - fields[1].nodes[::-1].astype(int)
+    assert np.abs(apart).max() <= 2
+
+
 @pytest.mark.parametrize("turn", [0.0, 0.5 * math.pi])
 def test_walls_along_the_grid_do_not_draw_the_pose_to_its_nodes(room: Any, turn: float) -> None:
     """Wherever between two rows of nodes a wall lies, the pose is found: an error here is the same
