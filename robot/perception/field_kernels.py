@@ -29,8 +29,8 @@ def draw_returns(field, origin, resolution, pose, returns, links, count, sigma_f
 
     `pose` (x, y, θ) maps the returns into the field's frame. A return with a larger σ than
     `sigma_floor` is drawn wider and, in the same measure, lower: a precise look beats a vague one.
-    A mirrored scan draws the mirror image: with the σ of its first end alone for a segment all walls
-    would be turned a little, the same way round.
+    A mirrored scan draws the mirror image: with the σ of its first end alone for a segment all
+    walls would be turned a little, the same way round.
     """
     c = math.cos(pose[2])
     s = math.sin(pose[2])
