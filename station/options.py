@@ -51,7 +51,9 @@ def add_scenario_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--loss", type=float, metavar="P", help="probability that a frame is lost")
     group.add_argument("--latency", type=int, metavar="TICKS", help="ticks from sent to heard")
     group.add_argument(
-        "--starts", choices=("known", "same", "unknown"), help="are robots told where they start?"
+        "--starts",
+        choices=("known", "same", "unknown"),
+        help="are robots told where they start: in one frame, beside each other, or not (default)?",
     )
     group.add_argument("--engine", metavar="NAME", help="SLAM engine of all robots")
     group.add_argument("--policy", metavar="NAME", help="exploration policy of all robots")

@@ -93,8 +93,8 @@ def _compiled() -> int:
 
 
 def _call_kernels() -> None:
-    """A team in small rooms, one robot on a ring with loops to close and a given start, one in a
-    known map, and a graph by itself."""
+    """A team in small rooms that is told where it starts, and one that is not, one robot on a ring
+    with loops to close and a given start, one in a known map, and a graph by itself."""
     from protocol.interrupt import Interrupt
     from station import graph_solution, known_maps
     from station.host_inline import play_inline
@@ -102,11 +102,12 @@ def _call_kernels() -> None:
     from world.scenario import RobotSpec, Scenario
     from world.simulation import Simulation
 
-    team = Simulation(Scenario(map="rooms-small", max_sim_s=20.0))
-    play_inline(team, Unwatched(), Interrupt())
-    start = Simulation(Scenario(map="loop")).robot_config("r1").start
+    for starts in ("known", "unknown"):
+        team = Simulation(Scenario(map="rooms-small", starts=starts, max_sim_s=20.0))
+        play_inline(team, Unwatched(), Interrupt())
+    start = Simulation(Scenario(map="loop", starts="known")).robot_config("r1").start
     alone = RobotSpec(name="r1", start=start)
-    ring = Simulation(Scenario(map="loop", robots=(alone,), max_sim_s=120.0))
+    ring = Simulation(Scenario(map="loop", robots=(alone,), starts="known", max_sim_s=120.0))
     play_inline(ring, Unwatched(), Interrupt())
     known_maps.load_kernels()
     graph_solution.load_kernels()

@@ -31,7 +31,8 @@ def drive(seed: int, seconds: float, every_s: float) -> FloatArray:
     """Errors and covariances of one drive: rows of eᵀP⁻¹e, squared position error, squared heading
     error, and the variances that the robot gave for the two."""
     robots = (RobotSpec(name="r1"),)
-    scenario = Scenario(map=MAPS[seed % len(MAPS)], seed=seed, robots=robots, max_sim_s=seconds)
+    name = MAPS[seed % len(MAPS)]
+    scenario = Scenario(map=name, seed=seed, robots=robots, starts="known", max_sim_s=seconds)
     simulation = Simulation(scenario)
     brain = Brain(simulation.robot_config("r1"))
     senses = simulation.step({})

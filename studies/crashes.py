@@ -73,6 +73,7 @@ def scenario(kills: int, seed: int) -> Scenario:
         map="office",
         seed=seed,
         robots=tuple(RobotSpec(name=name, policy="patrol") for name in ROBOTS),
+        starts="known",
         radio=GateConfig(range_m=100.0),
         max_sim_s=FIRST_S + kills * EVERY_S + LAST_S,
         pace=PaceConfig(deadline_s=60.0),

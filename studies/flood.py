@@ -117,6 +117,7 @@ def ticks_per_second(
     """The pace of one run in lockstep, while r1 sends so much beside what it should."""
     scenario = Scenario(
         robots=tuple(RobotSpec(name=name) for name in NAMES),
+        starts="known",
         max_sim_s=seconds,
         pace=PaceConfig(deadline_s=60.0),
     )

@@ -123,6 +123,7 @@ def main(argv: list[str] | None = None) -> int:
         map=arguments.map,
         seed=arguments.seed,
         robots=(RobotSpec(name="r1", policy="patrol"),),
+        starts="known",
         # A little more, so that the last sample is of the full time.
         max_sim_s=3600.0 * arguments.hours + 1.0,
     )

@@ -132,6 +132,7 @@ def main(argv: list[str] | None = None) -> int:
         map=arguments.map,
         seed=arguments.seed,
         robots=tuple(RobotSpec(name=f"r{n + 1}") for n in range(arguments.robots)),
+        starts="known",
         max_sim_s=arguments.seconds,
         pace=PaceConfig(mode="realtime", factor=arguments.factor, roster_s=ROSTER_S),
     )

@@ -153,6 +153,7 @@ def main(argv: list[str] | None = None) -> int:
         map=arguments.map,
         seed=arguments.seed,
         robots=tuple(RobotSpec(name=name, policy="patrol") for name in names),
+        starts="known",
         max_sim_s=60.0 * arguments.minutes,
         pace=PaceConfig(deadline_s=60.0),
     )

@@ -140,7 +140,7 @@ def _arguments(argv: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--map", help="a shipped map or a map_server YAML file")
     parser.add_argument("--robots", type=int, help="how many robots")
     parser.add_argument("--range", type=float, metavar="METRES", help="radio range d")
-    parser.add_argument("--starts", choices=("known", "same", "unknown"), help="told or not")
+    parser.add_argument("--starts", choices=("known", "same", "unknown"), help="are they told?")
     parser.add_argument("--seeds", type=parse_seeds, default=list(range(10)), help="e.g. 0-9")
     parser.add_argument("--workers", type=int, default=2, help="runs side by side")
     parser.add_argument("--out", type=Path, help="folder for the reports, runs/trials by default")

@@ -73,9 +73,9 @@ class Scenario(Model):
         RobotSpec(name="r3"),
     )
     starts: Literal["known", "same", "unknown"] = Field(
-        "known",
+        "unknown",
         description="whether robots are told where they start in the team's frame, all start "
-        "beside the first one and are told where in its frame, or are told nothing",
+        "beside the first one and are told where in its frame, or are told nothing and find out",
     )
     tick_s: float = Field(0.1, gt=0.0, le=10.0)
     max_sim_s: float = Field(1800.0, gt=0.0, description="simulated time after which a run ends")

@@ -11,9 +11,9 @@ from robot.jobs import Jobs
 from world.scenario import RobotSpec, Scenario
 from world.simulation import Simulation
 
-SCENARIO = Scenario(map="rooms-small", seed=3, robots=(RobotSpec(name="r1"), RobotSpec(name="r2")))
+UNKNOWN = Scenario(map="rooms-small", seed=3, robots=(RobotSpec(name="r1"), RobotSpec(name="r2")))
+SCENARIO = UNKNOWN.model_copy(update={"starts": "known"})
 
-UNKNOWN = SCENARIO.model_copy(update={"starts": "unknown"})
 either_start = pytest.mark.parametrize("scenario", [SCENARIO, UNKNOWN], ids=["known", "unknown"])
 
 

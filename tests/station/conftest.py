@@ -49,6 +49,7 @@ def make_simulation(dies: bool = True) -> Simulation:
     scenario = Scenario(
         map="room",
         robots=(*robots, RobotSpec(name="r3")) if dies else robots,
+        starts="known",
         radio=GateConfig(range_m=4.0),
         max_sim_s=0.1 * TICKS,
     )

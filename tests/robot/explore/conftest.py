@@ -90,7 +90,7 @@ class Team:
             for i, (x, y, a) in enumerate(starts)
         )
         lidar = LidarConfig.model_validate({"noise": noise})
-        self.scenario = Scenario(robots=robots, lidar=lidar, max_sim_s=max_sim_s)
+        self.scenario = Scenario(robots=robots, starts="known", lidar=lidar, max_sim_s=max_sim_s)
         self.simulation = Simulation(self.scenario, truth)
         self.names = self.simulation.names
         self.shared = OccupancyMap(truth.resolution, lidar)

@@ -39,7 +39,8 @@ def drive(simulation: Simulation, brain: Brain, until: int) -> list[bytes]:
 
 @pytest.fixture(scope="module")
 def lives() -> Lives:
-    simulation = Simulation(Scenario(map="office", seed=3, robots=(RobotSpec(name="r1"),)))
+    robots = (RobotSpec(name="r1"),)
+    simulation = Simulation(Scenario(map="office", seed=3, robots=robots, starts="known"))
     config = simulation.robot_config("r1")
     old = Brain(config)
     first = drive(simulation, old, DIES)

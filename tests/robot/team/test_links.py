@@ -93,7 +93,12 @@ def true_anchors(log: LogGraph, truth: FloatArray) -> dict[int, Pose2]:
 def test_robots_in_one_building_find_true_links() -> None:
     names = ("r1", "r2")
     simulation = Simulation(
-        Scenario(map="loop", seed=5, robots=tuple(RobotSpec(name=name) for name in names))
+        Scenario(
+            map="loop",
+            seed=5,
+            robots=tuple(RobotSpec(name=name) for name in names),
+            starts="known",
+        )
     )
     brains = {name: Brain(simulation.robot_config(name)) for name in names}
     senses = simulation.step({})
