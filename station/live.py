@@ -2,6 +2,7 @@
 
 import sys
 import time
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from types import TracebackType
 from typing import Self, TextIO
@@ -14,6 +15,7 @@ from rich.table import Table
 from rich.text import Text
 
 from protocol.messages import MapReply, Report
+from station.live_groups import ALIGNED
 from station.live_status import RunTracker, Status
 from station.observer import Observer, RunOutcome
 from station.wording import centimetres, clock_time, describe, percent, times
@@ -22,6 +24,8 @@ from world.simulation import Simulation
 REFRESH_S = 0.25
 LINE_EVERY_S = 10.0
 # rich knows terminals by names; these are the nearest to the colours of `station.pictures`.
+STATE_STYLES = {"aligned": "green", "tentative": "yellow", "contradictory": "bold red"}
+MAX_PAIRS = 10
 TERMINAL_COLOURS = ("dodger_blue1", "dark_orange", "spring_green3", "orchid", "gold1", "cyan")
 
 
@@ -152,6 +156,7 @@ def one_line(status: Status) -> str:
         f"coverage {percent(status.coverage)}",
         f"expected end {clock_time(status.expected_end_s)}",
         f"links {status.links}/{status.pairs}",
+        *([f"maps aligned {_aligned(status)}/{status.pairs}"] if status.maps else []),
         f"worst error {centimetres(max(errors, default=None))}",
         f"finished {sum(robot.finished for robot in status.robots)}/{len(status.robots)}",
     ]
@@ -176,7 +181,29 @@ def render(title: str, status: Status) -> Group:
         f"expected end {clock_time(status.expected_end_s)}",
         f"links {status.links} of {status.pairs}",
     )
-    return Group(headline, progress, _robots(status))
+    maps = [_maps(status)] if status.maps else []
+    return Group(headline, progress, _robots(status), *maps)
+
+
+def _aligned(status: Status) -> int:
+    return sum(pair.state == ALIGNED for pair in status.maps)
+
+
+def _maps(status: Status) -> Table | Text:
+    """How the maps of each two robots stand to each other and why; of a crowd, how many do how."""
+    if len(status.maps) > MAX_PAIRS:
+        counts = Counter(pair.state for pair in status.maps)
+        return Text(
+            "maps: " + ", ".join(f"{count} pairs {state}" for state, count in counts.items())
+        )
+    table = Table(expand=True, pad_edge=False, header_style="dim", box=SIMPLE_HEAD)
+    table.add_column("maps of", no_wrap=True)
+    table.add_column("are", no_wrap=True)
+    table.add_column("because", ratio=1, no_wrap=True, overflow="ellipsis")
+    for pair in status.maps:
+        style = STATE_STYLES.get(pair.state, "")
+        table.add_row(f"{pair.a} – {pair.b}", Text(pair.state, style=style), pair.reason)
+    return table
 
 
 def _robots(status: Status) -> Table:

@@ -1,41 +1,34 @@
-"""A picture file of the run as it is now, redrawn so that any viewer can keep it open."""
+"""A picture file of the run as it is now, redrawn so that any viewer can keep it open.
 
+Robots whose maps share a frame are drawn together, in one panel; what is not aligned with it stands
+in a panel of its own.
+"""
+
+import math
 import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from maps.grid import OccupancyGrid
 from maps.pixels import write_whole
 from protocol.messages import MapReply, Report
-from protocol.pose import FloatArray
+from protocol.pose import FloatArray, Pose2
+from station.live_groups import final_frames, final_groups, frame_of, groups_of, standing_of
+from station.live_panel import Image, Panel, with_head
 from station.live_status import grid_of
 from station.observer import RunOutcome
-from station.pictures import (
-    FREE_COLOUR,
-    INK,
-    TRUE_WALL_COLOUR,
-    UNKNOWN_COLOUR,
-    WALL_COLOUR,
-    free_box,
-    robot_colour,
-    wall_skin,
-)
 from station.wording import clock_time, describe
 from world.simulation import Simulation
 
 REDRAW_S = 1.0
 LONG_SIDE_PX = 1200
-HEAD_PX = 36
-MARGIN_M = 0.4
-# cv2 draws lines at fractions of a pixel when coordinates are shifted by so many bits.
-SHIFT = 4
-FONT = cv2.FONT_HERSHEY_SIMPLEX
+# More groups than this are named, not drawn.
+MAX_PANELS = 6
 
-Image = npt.NDArray[np.uint8]
+Group = tuple[str, ...]
 
 
 class LivePicture:
@@ -51,21 +44,15 @@ class LivePicture:
         self._clock = clock
         self._every_s = every_s
         self._drawn_at = -every_s
-        self._maps: dict[str, OccupancyGrid] = {}
-        self._walls: Image | None = None
-        self._ground: Image | None = None
+        self._simulation: Simulation | None = None
+        self._maps: dict[str, tuple[OccupancyGrid, Pose2]] = {}
+        self._panels: dict[int, Panel] = {}
+        self._grounds: dict[tuple[int, Group], Image] = {}
         self._trails: list[list[FloatArray]] = []
-        self._left = self._top = self._scale = 0.0
         self._title = ""
 
     def started(self, simulation: Simulation) -> None:
-        truth = simulation.terrain.grid
-        left, right, bottom, top = free_box(truth, MARGIN_M)
-        self._scale = LONG_SIDE_PX / max(right - left, top - bottom)
-        self._left, self._top = left, top
-        shape = (round((top - bottom) * self._scale), round((right - left) * self._scale))
-        self._walls = np.zeros(shape, dtype=np.uint8)
-        self._place(truth, np.where(wall_skin(truth), np.uint8(255), np.uint8(0)), self._walls)
+        self._simulation = simulation
         self._trails = [[] for _ in simulation.names]
         self._title = describe(simulation.scenario)
 
@@ -77,114 +64,80 @@ class LivePicture:
         now = self._clock()
         if now - self._drawn_at >= self._every_s:
             self._drawn_at = now
-            self._draw(simulation, reports)
+            self._draw(simulation, groups_of(simulation, reports), reports)
 
     def mapped(self, robot: str, reply: MapReply) -> None:
-        self._maps[robot] = grid_of(reply.joint)
-        self._ground = None
+        if self._simulation is not None:
+            self._take(robot, reply, frame_of(self._simulation, robot))
 
     def ended(self, outcome: RunOutcome) -> None:
+        frames = final_frames(outcome)
         for name, robot in outcome.robots.items():
-            if robot.map is not None:
-                self.mapped(name, robot.map)
+            if robot.map is not None and name in frames:
+                self._take(name, robot.map, frames[name])
         # Where they wanted to go no longer matters.
-        self._draw(outcome.simulation, {}, f"ended: {outcome.exit_reason}")
+        groups = final_groups(outcome)
+        self._draw(outcome.simulation, groups, {}, f"ended: {outcome.exit_reason}")
+
+    def _take(self, robot: str, reply: MapReply, T_world_map: Pose2) -> None:
+        self._maps[robot] = (grid_of(reply.joint), T_world_map)
+        self._grounds.clear()
 
     # -- drawing, from the ground up
 
     def _draw(
-        self, simulation: Simulation, reports: Mapping[str, Report], remark: str = ""
+        self,
+        simulation: Simulation,
+        groups: tuple[Group, ...],
+        reports: Mapping[str, Report],
+        remark: str = "",
     ) -> None:
-        if self._ground is None:
-            self._ground = self._draw_ground()
-        picture = self._ground.copy()
-        self._draw_links(picture, simulation)
-        for index, name in enumerate(simulation.names):
-            self._draw_robot(picture, index, simulation.poses[index], reports.get(name), name)
+        shown, left_out = groups[:MAX_PANELS], groups[MAX_PANELS:]
+        columns = math.ceil(math.sqrt(len(shown)))
+        pictures = [self._draw_group(columns, group, simulation, reports) for group in shown]
+        if len(shown) > 1:
+            pictures = [
+                with_head(picture, standing_of(group, simulation, reports))
+                for group, picture in zip(shown, pictures, strict=True)
+            ]
+        if left_out:
+            remark += "   not shown: " + " ".join(name for group in left_out for name in group)
         said = f"{self._title}   simulated {clock_time(simulation.stamp)}   {remark}"
-        # The font of cv2 has no letter beyond ASCII.
-        said = said.replace("·", "|").encode("ascii", "replace").decode()
-        head = np.full((HEAD_PX, picture.shape[1], 3), 255, dtype=np.uint8)
-        cv2.putText(head, said, (12, 24), FONT, 0.55, _bgr(INK), 1, cv2.LINE_AA)
         done, png = cv2.imencode(
-            ".png", np.vstack([head, picture]), [cv2.IMWRITE_PNG_COMPRESSION, 1]
+            ".png", with_head(_tiled(pictures, columns), said), [cv2.IMWRITE_PNG_COMPRESSION, 1]
         )
         if done:
             write_whole(self.path, png.tobytes())
 
-    def _draw_ground(self) -> Image:
-        """Unknown, then what the team's maps know, with true walls where they know none."""
-        assert self._walls is not None
-        ground = np.empty((*self._walls.shape, 3), dtype=np.uint8)
-        ground[:] = _bgr(UNKNOWN_COLOUR)
-        free, occupied = np.zeros_like(self._walls), np.zeros_like(self._walls)
-        for name in sorted(self._maps):
-            grid = self._maps[name]
-            self._place(grid, np.where(grid.free, np.uint8(255), np.uint8(0)), free)
-            self._place(grid, np.where(grid.occupied, np.uint8(255), np.uint8(0)), occupied)
-        ground[free > 127] = _bgr(FREE_COLOUR)
-        ground[self._walls > 127] = _bgr(TRUE_WALL_COLOUR)
-        ground[occupied > 127] = _bgr(WALL_COLOUR)
-        return ground
-
-    def _place(self, grid: OccupancyGrid, mask: Image, canvas: Image) -> None:
-        """Paint the cells of a mask onto the canvas, over what is there."""
-        size = grid.resolution * self._scale
-        # A pixel's centre, not its corner, is at whole numbers: hence the halves.
-        x = (grid.origin_x - self._left) * self._scale + 0.5 * size - 0.5
-        y = (self._top - grid.origin_y) * self._scale - 0.5 * size - 0.5
-        placed = cv2.warpAffine(
-            mask,
-            np.array([[size, 0.0, x], [0.0, -size, y]]),
-            (canvas.shape[1], canvas.shape[0]),
-            flags=cv2.INTER_NEAREST,
-        )
-        np.maximum(canvas, placed, out=canvas)
-
-    def _draw_links(self, picture: Image, simulation: Simulation) -> None:
-        pixels = self._pixels(simulation.poses[:, :2])
+    def _draw_group(
+        self, columns: int, group: Group, simulation: Simulation, reports: Mapping[str, Report]
+    ) -> Image:
+        """The map that a group shares, its robots, and who can talk to whom in it."""
+        if columns not in self._panels:
+            self._panels[columns] = Panel(simulation.terrain.grid, LONG_SIDE_PX // columns)
+        panel = self._panels[columns]
+        if (columns, group) not in self._grounds:
+            maps = [self._maps[name] for name in group if name in self._maps]
+            self._grounds[columns, group] = panel.ground(maps)
+        picture = self._grounds[columns, group].copy()
+        members = [simulation.names.index(name) for name in group]
+        poses = simulation.poses
         for i, j in np.argwhere(np.triu(simulation.links)):
-            _polyline(picture, pixels[[i, j]], "#8a93a1", 1)
-
-    def _draw_robot(
-        self, picture: Image, index: int, pose: FloatArray, report: Report | None, name: str
-    ) -> None:
-        colour = robot_colour(index)
-        trail = np.array([*self._trails[index], pose[:2]])
-        _polyline(picture, self._pixels(trail), colour, 2)
-        if report is not None and len(report.path) > 1 and not report.finished:
-            path = self._pixels(report.path)
-            _polyline(picture, path, colour, 1)
-            x, y = path[-1] / (1 << SHIFT)
-            cv2.drawMarker(
-                picture, (round(x), round(y)), _bgr(colour), cv2.MARKER_TILTED_CROSS, 12, 2
-            )
-        ahead = pose[:2] + 0.35 * np.array([np.cos(pose[2]), np.sin(pose[2])])
-        (x, y), (nose_x, nose_y) = self._pixels(np.array([pose[:2], ahead]))
-        radius = round(0.2 * self._scale * (1 << SHIFT))
-        cv2.circle(picture, (int(x), int(y)), radius, _bgr(colour), -1, cv2.LINE_AA, SHIFT)
-        cv2.line(
-            picture,
-            (int(x), int(y)),
-            (int(nose_x), int(nose_y)),
-            _bgr(INK),
-            2,
-            cv2.LINE_AA,
-            SHIFT,
-        )
-        corner = (int(x) // (1 << SHIFT) + 10, int(y) // (1 << SHIFT) - 10)
-        cv2.putText(picture, name, corner, FONT, 0.55, (255, 255, 255), 4, cv2.LINE_AA)
-        cv2.putText(picture, name, corner, FONT, 0.55, _bgr(colour), 2, cv2.LINE_AA)
-
-    def _pixels(self, points: FloatArray) -> npt.NDArray[np.int32]:
-        """Points (n×2, m) in the shifted pixels of cv2 (n×2)."""
-        scaled = np.stack([points[:, 0] - self._left, self._top - points[:, 1]], axis=-1)
-        return np.round(scaled * self._scale * (1 << SHIFT)).astype(np.int32)
+            if i in members and j in members:
+                panel.draw_link(picture, poses[[i, j], :2])
+        for index, name in zip(members, group, strict=True):
+            trail = np.array([*self._trails[index], poses[index, :2]])
+            panel.draw_robot(picture, index, name, poses[index], trail)
+            report = reports.get(name)
+            if report is not None and len(report.path) > 1 and not report.finished:
+                path = frame_of(simulation, name).apply(np.array(report.path))
+                panel.draw_path(picture, index, path)
+        return picture
 
 
-def _polyline(picture: Image, pixels: npt.NDArray[np.int32], colour: str, width: int) -> None:
-    cv2.polylines(picture, [pixels], False, _bgr(colour), width, cv2.LINE_AA, SHIFT)
-
-
-def _bgr(colour: str) -> tuple[int, int, int]:
-    return int(colour[5:7], 16), int(colour[3:5], 16), int(colour[1:3], 16)
+def _tiled(pictures: list[Image], columns: int) -> Image:
+    """Pictures of one size, row by row; the last row is filled up with white."""
+    white = np.full_like(pictures[0], 255)
+    filled = pictures + [white] * (-len(pictures) % columns)
+    rows = [np.hstack(filled[k : k + columns]) for k in range(0, len(filled), columns)]
+    return np.vstack(rows)

@@ -10,7 +10,8 @@ import numpy as np
 
 from maps.grid import OccupancyGrid
 from protocol.messages import GridPatch, MapReply, Report
-from protocol.pose import FloatArray
+from protocol.pose import FloatArray, Pose2
+from station.live_groups import PairStatus, final_frames, frame_of, pairs_of
 from station.observer import RunOutcome
 from world.referee import Referee
 from world.simulation import Simulation
@@ -51,6 +52,8 @@ class Status:
     robots: tuple[RobotStatus, ...]
     links: int
     pairs: int
+    maps: tuple[PairStatus, ...] = ()
+    """How the maps of each two robots stand to each other; empty where all know their starts."""
 
 
 class RunTracker:
@@ -64,12 +67,14 @@ class RunTracker:
         self._driven: FloatArray = np.zeros(0)
         self._maps: dict[str, GridPatch] = {}
         self._referee: Referee | None = None
+        self._simulation: Simulation | None = None
+        self._frames: dict[str, Pose2] = {}
         self.coverage: list[tuple[float, float]] = []
         """Simulated time (s) and share covered by the union of the robots' own maps."""
 
     def started(self, simulation: Simulation) -> None:
         self._began = self._clock()
-        self._referee = Referee(simulation)
+        self._referee, self._simulation = Referee(simulation), simulation
         self._driven = np.zeros(len(simulation.names))
         self._truth.append((0, np.array(simulation.poses)))
 
@@ -84,21 +89,25 @@ class RunTracker:
             while len(self._pace) > 2 and wall - self._pace[0][0] > PACE_WINDOW_S:
                 self._pace.popleft()
 
-    def mapped(self, robot: str, reply: MapReply, stamp: float) -> None:
-        """Score the union of the latest maps; `stamp` is the simulated time now."""
-        if self._referee is None:
+    def mapped(
+        self, robot: str, reply: MapReply, stamp: float, T_world_map: Pose2 | None = None
+    ) -> None:
+        """Score the union of the latest maps; `stamp` is the simulated time now, and the map lies
+        where the robot's frame does unless it is said."""
+        if self._referee is None or self._simulation is None:
             return
         self._maps[robot] = reply.own
+        self._frames[robot] = T_world_map or frame_of(self._simulation, robot)
         if self.coverage and self.coverage[-1][0] == stamp:
             self.coverage.pop()  # robots answer one after the other; the last one completes it
-        self.coverage.append((stamp, self._referee.coverage(self._maps)))
+        self.coverage.append((stamp, self._referee.coverage(self._maps, self._frames)))
 
     def ended(self, outcome: RunOutcome) -> Status:
         """The run at its end, with the robots' last maps."""
-        simulation = outcome.simulation
+        simulation, frames = outcome.simulation, final_frames(outcome)
         for name, robot in sorted(outcome.robots.items()):
             if robot.map is not None:
-                self.mapped(name, robot.map, simulation.stamp)
+                self.mapped(name, robot.map, simulation.stamp, frames.get(name))
         latest = {name: log.latest for name, log in outcome.reports.items() if log.latest}
         return self.status(simulation, latest)
 
@@ -117,6 +126,7 @@ class RunTracker:
             robots=robots,
             links=int(np.count_nonzero(np.triu(simulation.links))),
             pairs=n * (n - 1) // 2,
+            maps=pairs_of(simulation, reports),
         )
 
     def _recent_pace(self) -> float | None:
@@ -136,7 +146,7 @@ class RunTracker:
         return RobotStatus(
             name=name,
             activity=report.activity if alive else GONE,
-            error_m=self._error_m(index, report),
+            error_m=self._error_m(index, report, frame_of(simulation, name)),
             driven_m=driven_m,
             entries=report.journal_entries,
             loop_closures=report.loop_closures,
@@ -144,15 +154,13 @@ class RunTracker:
             finished=finished,
         )
 
-    def _error_m(self, index: int, report: Report) -> float | None:
-        """Distance between a reported pose and the truth at the tick it was reported for.
-
-        Robots know where they started, so that both are in one frame.
-        """
+    def _error_m(self, index: int, report: Report, T_world_frame: Pose2) -> float | None:
+        """Distance between a reported pose and the truth at the tick it was reported for."""
         for tick, poses in reversed(self._truth):
             if tick == report.tick:
                 x, y = poses[index, :2]
-                return math.hypot(report.pose.x_m - x, report.pose.y_m - y)
+                said = T_world_frame @ report.pose.to_pose()
+                return math.hypot(said.x - x, said.y - y)
         return None
 
 

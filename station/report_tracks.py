@@ -6,6 +6,7 @@ import numpy as np
 
 from protocol.pose import IDENTITY, FloatArray, Pose2, compose
 from station.observer import RunOutcome
+from world.accuracy import Track as Matched
 from world.accuracy import align_frames, align_team, largest_frame, match
 
 
@@ -49,21 +50,28 @@ class Tracks:
     robots: tuple[Track, ...]
 
 
+def matched(outcome: RunOutcome) -> dict[str, Matched]:
+    """What robots answered of their ways beside the truth, where there is something to compare."""
+    simulation, found = outcome.simulation, {}
+    for index, name in enumerate(simulation.names):
+        robot = outcome.robots.get(name)
+        if robot is not None and robot.trajectory is not None:
+            way = match(robot.trajectory, simulation.history.poses[:, index])
+            if way is not None:
+                found[name] = way
+    return found
+
+
 def tracks_of(outcome: RunOutcome) -> Tracks:
     """The ways of all robots, as the referee aligns them."""
     simulation = outcome.simulation
     history = simulation.history
-    matched = {}
-    for index, name in enumerate(simulation.names):
-        robot = outcome.robots.get(name)
-        if robot is not None and robot.trajectory is not None:
-            matched[name] = match(robot.trajectory, history.poses[:, index])
-    known_ways = {name: found for name, found in matched.items() if found is not None}
+    known_ways = matched(outcome)
     T_world_maps, shared = align_frames(known_ways), largest_frame(known_ways)
     T_world_odometry = align_team((t.dead_reckoned, t.true) for t in known_ways.values())
     tracks = []
     for index, name in enumerate(simulation.names):
-        robot, found, belief = outcome.robots.get(name), matched.get(name), None
+        robot, found, belief = outcome.robots.get(name), known_ways.get(name), None
         if robot is not None and robot.trajectory is not None and found is not None:
             ticks, T_world_map = robot.trajectory.ticks, T_world_maps[name].to_array()
             known = (ticks >= 0) & (ticks < len(history))

@@ -1,0 +1,113 @@
+"""Who shares a map with whom now, by the robots' own word, and where each one's frame lies.
+
+Robots that were not told where they start think in frames of their own. What the operator sees
+follows that: two robots are in one group when both say that their maps are aligned, and what is not
+in one group is never drawn as one map.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from protocol.messages import Report
+from protocol.pose import IDENTITY, Pose2
+from station.observer import RunOutcome
+from station.report_tracks import matched
+from world.accuracy import align_frames
+from world.simulation import Simulation
+
+Group = tuple[str, ...]
+
+# Where two robots say different things, the lesser word counts.
+WORDS = ("contradictory", "unknown", "tentative", "aligned")
+ALIGNED = "aligned"
+
+
+@dataclass(frozen=True, slots=True)
+class PairStatus:
+    """How the maps of two robots stand to each other, and why."""
+
+    a: str
+    b: str
+    state: str
+    reason: str
+
+
+def pairs_of(simulation: Simulation, reports: Mapping[str, Report]) -> tuple[PairStatus, ...]:
+    """Every pair in the scenario's order; none where all were told where they start."""
+    if simulation.scenario.starts != "unknown":
+        return ()
+    names = simulation.names
+    return tuple(_pair(a, b, reports) for k, a in enumerate(names) for b in names[k + 1 :])
+
+
+def _pair(a: str, b: str, reports: Mapping[str, Report]) -> PairStatus:
+    said = [_word(a, b, reports), _word(b, a, reports)]
+    return PairStatus(a, b, *min(said, key=lambda word: WORDS.index(word[0])))
+
+
+def _word(of: str, other: str, reports: Mapping[str, Report]) -> tuple[str, str]:
+    report = reports.get(of)
+    for mate in report.team if report is not None else ():
+        if mate.robot == other:
+            return mate.alignment, mate.alignment_reason
+    return "unknown", f"{of} has said nothing yet"
+
+
+def groups_of(simulation: Simulation, reports: Mapping[str, Report]) -> tuple[Group, ...]:
+    """The robots that share a map, largest group first; all of them where starts are known."""
+    names = simulation.names
+    if simulation.scenario.starts != "unknown":
+        return (names,)
+    groups: dict[str, Group] = {name: (name,) for name in names}
+    for pair in pairs_of(simulation, reports):
+        if pair.state == ALIGNED and groups[pair.a] != groups[pair.b]:
+            joined = tuple(name for name in names if name in groups[pair.a] + groups[pair.b])
+            groups.update(dict.fromkeys(joined, joined))
+    return tuple(sorted(dict.fromkeys(groups.values()), key=lambda group: -len(group)))
+
+
+def frame_of(simulation: Simulation, name: str) -> Pose2:
+    """`T_world_frame` of what a robot reports: where it began its present life, if it was not told,
+    or is back after its death."""
+    scenario, number = simulation.scenario, simulation.names.index(name)
+    present = simulation.history.present[:, number]
+    missing = np.flatnonzero(~present)
+    if len(missing):
+        back = min(int(missing[-1]) + 1, len(present) - 1)
+        return Pose2.from_array(simulation.history.poses[back, number])
+    if scenario.starts == "known":
+        return IDENTITY
+    return Pose2.from_array(simulation.starts[number if scenario.starts == "unknown" else 0])
+
+
+def standing_of(group: Group, simulation: Simulation, reports: Mapping[str, Report]) -> str:
+    """A group in words: who is in it, or what keeps a robot that is alone from the others."""
+    if len(group) > 1:
+        return f"{' '.join(group)}: one map"
+    (name,) = group
+    pairs = [pair for pair in pairs_of(simulation, reports) if name in (pair.a, pair.b)]
+    said = [pair for pair in pairs if pair.state in ("tentative", "contradictory")]
+    if not said:
+        return f"{name}: no match with anybody"
+    pair = said[0]
+    return f"{name}: {pair.state} with {pair.a if pair.b == name else pair.b}, {pair.reason}"
+
+
+# -- at the end, when robots answer in the frame of their group
+
+
+def final_frames(outcome: RunOutcome) -> dict[str, Pose2]:
+    """`T_world_frame` of what each robot answered, as the referee places it."""
+    return align_frames(matched(outcome))
+
+
+def final_groups(outcome: RunOutcome) -> tuple[Group, ...]:
+    """The robots whose answers share a frame, largest group first, then who gave none."""
+    frames: dict[str, list[str]] = {}
+    for name, track in matched(outcome).items():
+        frames.setdefault(track.frame, []).append(name)
+    groups = sorted((tuple(names) for names in frames.values()), key=lambda group: -len(group))
+    silent = [name for name in outcome.simulation.names if not any(name in g for g in groups)]
+    return (*groups, *((name,) for name in silent))
