@@ -37,6 +37,7 @@ Tick = Annotated[int, Field(ge=0, le=2**53)]
 Recipient = Annotated[str, Field(pattern=r"^(\*|[a-z][a-z0-9_-]{0,31})$")]
 TopicName = Annotated[str, Field(pattern=r"^[a-z][a-z-]{0,31}$")]
 MessageCount = Annotated[int, Field(ge=0, le=2**53)]
+Usage = dict[TopicName, MessageCount]
 FrameKind = Annotated[str, Field(pattern=r"^[a-z][a-z0-9-]{0,15}$")]
 
 
@@ -203,7 +204,8 @@ class TrajectoryReply(Message):
     `online` is each estimate as it was at its own tick, `final` the same ticks as the joint
     solution places them now. `nodes` (m×3) and `edges` are the robot's own pose graph:
     `edge_nodes` k×2, and `edge_values` k×9 with the measured (x, y, θ) and I11 I12 I13 I22 I23
-    I33. The counts are of radio frames and bytes, to be held against the world's ledger.
+    I33. The counts are of radio frames and bytes, to be held against the world's ledger; `sent_for`
+    and `heard_for` (by sender) are the same bytes by what they were for.
     """
 
     SCHEMA: ClassVar[str] = "trajectory-reply"
@@ -222,6 +224,8 @@ class TrajectoryReply(Message):
     bytes_sent: int = Field(ge=0)
     frames_heard: int = Field(ge=0)
     bytes_heard: int = Field(ge=0)
+    sent_for: Usage = Field(default_factory=dict)
+    heard_for: dict[RobotName, Usage] = Field(default_factory=dict)
 
     @model_validator(mode="after")
     def _fits_together(self) -> Self:

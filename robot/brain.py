@@ -39,6 +39,7 @@ from robot.team.homecoming import Homecoming
 from robot.team.joint import Solution, anchor_pose, anchor_poses
 from robot.team.links import LinkFinder
 from robot.team.place_finder import PlaceFinder
+from robot.team.purposes import Usage, book
 from robot.team.team import LiveState, Team
 
 FOLLOW_EVERY_TICKS = 10
@@ -72,6 +73,8 @@ class Brain:
         self._decision: Decision | None = None
         self._sightings: dict[str, tuple[int, Pose2]] = {}
         self._counts = {"frames_sent": 0, "bytes_sent": 0, "frames_heard": 0, "bytes_heard": 0}
+        self._sent_for: Usage = {}
+        self._heard_for: dict[str, Usage] = {}
 
     def remember(self, records: Sequence[bytes]) -> None:
         """Take in the journal entries of earlier lives, before the first step."""
@@ -115,6 +118,7 @@ class Brain:
         for frame in sense.frames:
             self._counts["frames_heard"] += 1
             self._counts["bytes_heard"] += frame.size_bytes
+            book(self._heard_for.setdefault(frame.sender, {}), frame)
         self._team.hear(sense.tick, sense.frames)
         for sighting in sense.sightings:
             x = sighting.range_m * math.cos(sighting.bearing_rad)
@@ -166,6 +170,8 @@ class Brain:
         frames = tuple(self._team.speak(sense.tick, live))
         self._counts["frames_sent"] += len(frames)
         self._counts["bytes_sent"] += sum(frame.size_bytes for frame in frames)
+        for frame in frames:
+            book(self._sent_for, frame)
         return frames
 
     # -- where things are
@@ -293,6 +299,8 @@ class Brain:
             edge_values=np.concatenate([graph.measurements, upper], axis=1),
             journal_digest=self._team.journal.digest(),
             frame=frame,
+            sent_for=self._sent_for.copy(),
+            heard_for={name: usage.copy() for name, usage in self._heard_for.items()},
             **self._counts,
         )
 

@@ -4,8 +4,12 @@ import hashlib
 import json
 from collections.abc import Iterable
 
+import msgpack
+
 from protocol.codec import encode
 from station.observer import RobotOutcome, RunOutcome
+
+USAGE = {"sent_for", "heard_for"}
 
 
 def run_hashes(outcome: RunOutcome) -> dict[str, str]:
@@ -27,11 +31,20 @@ def run_hashes(outcome: RunOutcome) -> dict[str, str]:
 
 
 def _trajectory(robot: RobotOutcome) -> bytes:
-    return encode(robot.trajectory) if robot.trajectory else b""
+    if robot.trajectory is None:
+        return b""
+    packed: bytes = msgpack.packb(robot.trajectory.model_dump(exclude=USAGE), use_bin_type=True)
+    return packed
 
 
 def _ledger(outcome: RunOutcome) -> bytes:
-    return json.dumps(outcome.simulation.ledger.to_dict(), sort_keys=True).encode()
+    """What the world counted, and what robots say that it was for."""
+    usage = {
+        name: robot.trajectory.model_dump(include=USAGE)
+        for name, robot in outcome.robots.items()
+        if robot.trajectory is not None
+    }
+    return json.dumps([outcome.simulation.ledger.to_dict(), usage], sort_keys=True).encode()
 
 
 def _digest(parts: Iterable[bytes]) -> str:

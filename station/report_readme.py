@@ -3,7 +3,14 @@
 from robot.team.standing import TEAM_FRAME
 from station.observer import RunOutcome
 from station.report_metrics import Metrics
-from station.wording import centimetres, clock_time, describe, percent
+from station.wording import (
+    NOTHING,
+    centimetres,
+    clock_time,
+    describe,
+    percent,
+    readable_bytes,
+)
 
 
 def folder_readme(outcome: RunOutcome, metrics: Metrics) -> str:
@@ -41,11 +48,50 @@ def folder_readme(outcome: RunOutcome, metrics: Metrics) -> str:
         f"collisions {metrics.collisions}.\n\n"
         + ("".join(silent) + "\n" if silent else "")
         + _standings(metrics)
+        + _bytes(metrics)
         + "| file | what it holds |\n|---|---|\n"
         + table
         + "\nTrajectories: `stamp tx ty tz qx qy qz qw` (s, m), each robot's estimates in its own "
         "map frame.\n"
     )
+
+
+def _bytes(metrics: Metrics) -> str:
+    """What the radio carried and what for: together, and for each pair."""
+    purposes = metrics.radio.purposes
+    if not purposes:
+        return ""
+    total = "".join(
+        f"| {purpose} | {readable_bytes(score.bytes_delivered)} | "
+        f"{_per_metre(score.bytes_per_metre)} |\n"
+        for purpose, score in purposes.items()
+    )
+    pairs = "".join(
+        f"| {sender} → {name} | "
+        + " | ".join(readable_bytes(usage.get(purpose, 0)) for purpose in purposes)
+        + f" | {_per_metre(_by_metre(sum(usage.values()), metrics.robots[sender].driven_m))} |\n"
+        for name, robot in metrics.robots.items()
+        for sender, usage in sorted(robot.heard_for.items())
+        if sender in metrics.robots
+    )
+    return (
+        "What was delivered by radio, by what it was for (`live`: poses, goals and sightings; "
+        "`vectors`: who holds what; `frames`: headers), and by metre driven and robot that could "
+        "receive it:\n\n| for | delivered | per metre |\n|---|---|---|\n"
+        f"{total}| together | {readable_bytes(metrics.radio.bytes_delivered)} | "
+        f"{_per_metre(metrics.radio.bytes_per_metre)} |\n\n"
+        "By pair, and by metre that the sender drove:\n\n"
+        f"| from → to | {' | '.join(purposes)} | per metre |\n{'|---' * (len(purposes) + 2)}|\n"
+        f"{pairs}\n"
+    )
+
+
+def _by_metre(size: int, driven_m: float) -> float | None:
+    return size / driven_m if driven_m > 0.0 else None
+
+
+def _per_metre(size: float | None) -> str:
+    return NOTHING if size is None else f"{size:.0f} B"
 
 
 def _standings(metrics: Metrics) -> str:

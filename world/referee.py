@@ -1,5 +1,6 @@
 """The referee: how good the robots' maps and trajectories are, by the truth they cannot see."""
 
+from collections import Counter
 from collections.abc import Mapping
 
 from pydantic import Field
@@ -32,7 +33,10 @@ class RobotScore(Accuracy):
     collisions: int
     driven_m: float
     ledger_equal: bool | None = Field(
-        description="its counts are the world's; None if it died, also if it came back"
+        description="its counts are the world's, pair by pair; None if it died or came back"
+    )
+    heard_for: dict[str, dict[str, int]] = Field(
+        description="bytes that it heard, by sender and by what they were for"
     )
 
 
@@ -51,6 +55,13 @@ class LedgerScore(Model):
     equal: bool | None
 
 
+class PurposeScore(Model):
+    """What was delivered for one purpose, by the receivers' word."""
+
+    bytes_delivered: int
+    bytes_per_metre: float | None = Field(description="as in RadioScore")
+
+
 class RadioScore(Model):
     """Over all ordered pairs of robots."""
 
@@ -60,6 +71,9 @@ class RadioScore(Model):
     bytes_delivered: int
     bytes_per_metre: float | None = Field(
         description="delivered, by metre driven and robot that could receive it"
+    )
+    purposes: dict[str, PurposeScore] = Field(
+        description="what the bytes were for, as far as robots answered"
     )
 
 
@@ -138,6 +152,7 @@ class Referee:
                 bytes_offered=int(offered[1]),
                 bytes_delivered=int(delivered[1]),
                 bytes_per_metre=int(delivered[1]) / heard_m if heard_m > 0.0 else None,
+                purposes=_purposes(robots, heard_m),
             ),
             sim_s=self._simulation.stamp,
         )
@@ -172,6 +187,7 @@ class Referee:
             collisions=simulation.collisions[name],
             driven_m=simulation.history.driven_m(simulation.names.index(name)),
             ledger_equal=self._ledger_equal(name, trajectory) if trajectory else None,
+            heard_for=trajectory.heard_for if trajectory else {},
         )
 
     def _ledger_equal(self, name: str, reply: TrajectoryReply) -> bool | None:
@@ -179,10 +195,28 @@ class Referee:
         if not self._simulation.history.present[:, i].all():
             return None
         sent, heard = ledger.sent[i].tolist(), ledger.heard[i].tolist()
-        return [reply.frames_sent, reply.bytes_sent, reply.frames_heard, reply.bytes_heard] == [
-            *sent,
-            *heard,
-        ]
+        from_each = dict(zip(ledger.names, ledger.delivered[:, i, 1].tolist(), strict=True))
+        said_of_each = {name: sum(usage.values()) for name, usage in reply.heard_for.items()}
+        said = [reply.frames_sent, reply.bytes_sent, reply.frames_heard, reply.bytes_heard]
+        return (
+            said == [*sent, *heard]
+            and sum(reply.sent_for.values()) == reply.bytes_sent
+            and {name: said_of_each.get(name, 0) for name in ledger.names} == from_each
+        )
+
+
+def _purposes(robots: Mapping[str, RobotScore], heard_m: float) -> dict[str, PurposeScore]:
+    """What the bytes were for that robots say they heard, the most first."""
+    total: Counter[str] = Counter()
+    for robot in robots.values():
+        for usage in robot.heard_for.values():
+            total.update(usage)
+    return {
+        purpose: PurposeScore(
+            bytes_delivered=size, bytes_per_metre=size / heard_m if heard_m > 0.0 else None
+        )
+        for purpose, size in sorted(total.items(), key=lambda item: (-item[1], item[0]))
+    }
 
 
 def _accuracy(

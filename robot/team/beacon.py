@@ -30,6 +30,7 @@ from robot.team.packing import (
     unpack_sigma,
 )
 
+BEACON = "beacon"
 MAX_TEAM = 256
 
 

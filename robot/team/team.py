@@ -11,7 +11,7 @@ from protocol.messages import HeardFrame, RadioFrame, Sighting
 from protocol.pose import FloatArray, Pose2
 from robot.jobs import Jobs
 from robot.slam.engine import Entry
-from robot.team.beacon import Beacon, decode_beacon, encode_beacon
+from robot.team.beacon import BEACON, Beacon, decode_beacon, encode_beacon
 from robot.team.entries import Hello, Link, decode_entry, encode_entry
 from robot.team.gossip import Gossip
 from robot.team.joint import JointGraph, Solution, anchor_pose
@@ -20,7 +20,6 @@ from robot.team.meetings import Meetings
 from robot.team.parcels import ENTRIES, FRAME_OVERHEAD_BYTES, PART
 from robot.team.standing import Standing
 
-BEACON = "beacon"
 BEACON_EVERY_TICKS = 20
 MEETING_TICKS = 10  # while a robot is seen whose map does not fit yet: beacons tell how it stands
 

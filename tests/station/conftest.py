@@ -135,6 +135,13 @@ def make_trajectory_reply(simulation: Simulation, index: int) -> TrajectoryReply
         bytes_sent=int(ledger.sent[index, 1]),
         frames_heard=int(ledger.heard[index, 0]),
         bytes_heard=int(ledger.heard[index, 1]),
+        sent_for={"live": int(ledger.sent[index, 1])},
+        heard_for={
+            name: {"live": size}
+            for name, size in zip(
+                simulation.names, ledger.delivered[:, index, 1].tolist(), strict=True
+            )
+        },
     )
 
 

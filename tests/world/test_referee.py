@@ -62,6 +62,11 @@ def trajectory(world: Simulation, name: str, T_map_world: Pose2 | None = None) -
         bytes_sent=int(world.ledger.sent[i, 1]),
         frames_heard=int(world.ledger.heard[i, 0]),
         bytes_heard=int(world.ledger.heard[i, 1]),
+        sent_for={"live": int(world.ledger.sent[i, 1])},
+        heard_for={
+            other: {"live": int(world.ledger.delivered[k, i, 1])}
+            for k, other in enumerate(world.names)
+        },
     )
 
 
