@@ -40,10 +40,11 @@ FEW = Demands(places=1, worth=0.4, ambiguity=0.85, walls_m=35.0, hits=0.85, cros
 # Two sightings each of which says who was seen need no look-alike places to be ruled out.
 MIN_SIGHTINGS = 2
 MAX_SIGHTED_CROSSING = 0.10
-# Another alignment that comes this near to the best in worth, and does not contradict the maps much
-# more than the best does, leaves it open which is right.
+# Another alignment that comes this near to the best in worth leaves it open which is right, unless
+# the maps rule it out; of less worth, if they agree by it as they would have to by few places.
 RIVAL_WORTH = 0.6
 RIVAL_CROSSING = 0.08
+RIVAL_HITS = 0.90
 
 KNOWN = "their starts are known"
 
@@ -161,12 +162,20 @@ class PairJudge:
             return State.TENTATIVE, "the places look like others"
         if overlap.walls_m < demands.walls_m:
             return State.TENTATIVE, f"{overlap.walls_m:.0f} m of common walls are too few"
-        for other in others:
-            if other.worth >= RIVAL_WORTH * best.worth and (
-                self._lay_over(other, a, b).crossing <= RIVAL_CROSSING
-            ):
-                return State.TENTATIVE, "another alignment fits nearly as well"
+        if any(self._is_rival(other, best, a, b) for other in others):
+            return State.TENTATIVE, "another alignment fits nearly as well"
         return State.ALIGNED, f"{best.places} places agree"
+
+    def _is_rival(self, other: Hypothesis, best: Hypothesis, a: LogName, b: LogName) -> bool:
+        """Whether another alignment leaves it open which is right: one that comes near in worth, or
+        one of less whose maps agree to the last bit too."""
+        near = other.worth >= RIVAL_WORTH * best.worth
+        if not near and other.worth < FEW.worth:
+            return False
+        laid = self._lay_over(other, a, b)
+        if near:
+            return laid.crossing <= RIVAL_CROSSING
+        return laid.crossing <= FEW.crossing and laid.hits >= RIVAL_HITS
 
     def _lay_over(self, hypothesis: Hypothesis, a: LogName, b: LogName) -> Overlap:
         """The whole maps as a hypothesis bends them together, and shifted to where they lie best:
