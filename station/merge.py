@@ -16,7 +16,7 @@ from robot.team.entries import Known, Link
 from robot.team.joint import JointGraph, Solution, solve
 from robot.team.journal import LogName
 from robot.team.near_matches import near_matches
-from robot.team.place import Place, make_place, stretches
+from robot.team.place import Place, make_place, searched, stretches
 from robot.team.place_match import find_place, make_pyramid
 
 Progress = Callable[[int, int], None]
@@ -71,12 +71,12 @@ def make_places(graph: JointGraph, name: LogName, noise: FloatArray) -> list[Pla
 def find_everywhere(
     graph: JointGraph, places: dict[LogName, list[Place]], progress: Progress | None = None
 ) -> int:
-    """Look for every place in every place of other logs, both ways; what was found goes into the
-    graph as links. Returns how many pairs of places were compared."""
+    """Look for every place in those of other logs that are searched, both ways; what was found goes
+    into the graph as links. Returns how many pairs of places were compared."""
     pairs = [
         (a, b, ours, theirs)
         for a in sorted(places)
-        for ours in places[a]
+        for ours in searched(places[a])
         for b in sorted(places)
         if b != a
         for theirs in places[b]
@@ -85,12 +85,11 @@ def find_everywhere(
     for done, (a, b, ours, theirs) in enumerate(pairs):
         if pyramid is None or of is not ours:
             pyramid, of = make_pyramid(ours), ours
-        match = find_place(ours, pyramid, theirs)
-        if match is not None and not match.objection:
-            graph.add(
-                a,
-                Link(ours.anchor, b, theirs.anchor, match.T_a_b, match.information, match.evidence),
+        for match in find_place(ours, pyramid, theirs):
+            link = Link(
+                ours.anchor, b, theirs.anchor, match.T_a_b, match.information, match.evidence
             )
+            graph.add(a, link)
         if progress is not None:
             progress(done + 1, len(pairs))
     return len(pairs)

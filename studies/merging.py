@@ -1,265 +1,266 @@
 """Merging maps of two robots that do not know where the other started, from lidar alone.
 
-    python -m studies.merging --trials 60 --json merging.json
-    python -m studies.merging --maps office,loop --runs 8 --trials 200 --out runs/merging
+    python -m studies.merging --trials 300 --json merging.json
+    python -m studies.merging repeating MAPS/aces.yaml --trials 300 --json repeating.json
+    python -m studies.merging scoring --trials 0 --others 400 --json others.json
 
 Robots explore alone, out of everybody's earshot, and their journals are kept. A trial takes two of
-them, from one world or from two, each cut off at a random length, and merges them. It is *right*
-when the alignment is within 5 cm and 1° of the truth, *false* when it is farther or the worlds
-differ, and *undecided* when none is claimed. A study that was cut off goes on where it stopped.
+them, each cut off at a random length, and merges them as `earshot merge` does. Outcomes are told in
+`studies.merging_truth`. The same two maps are merged by the usual method, features of images.
+Trials are from one world, `--others` from two. A study that was cut off goes on where it stopped.
 """
 
 import argparse
-import json
-import math
+import multiprocessing
 import sys
-from collections.abc import Iterator
-from dataclasses import replace
+import time
+from collections.abc import Iterable, Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from itertools import combinations
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from protocol.config import LidarConfig
-from protocol.errors import EarshotError
+from maps.grid import OccupancyGrid
 from protocol.model import Model
 from protocol.pose import Pose2, compose
-from robot.brain import Brain
-from robot.journal_file import frame_record
-from robot.recollection import read_records
-from robot.slam.engine import Anchor, Closure, Keyframe
-from robot.team.entries import Hello, Known, decode_entry
 from robot.team.hypothesis import solve_alone
-from robot.team.joint import Solution
-from robot.team.journal import LogName, decode_record
+from robot.team.joint import JointGraph
 from robot.team.pair_judge import State
 from station.merge import make_graph, merge
 from station.merge_metrics import compare_grids, draw_grid
-from studies.command import study_parser, write_figures
-from world.scenario import GateConfig, RobotSpec, Scenario
-from world.simulation import Simulation
+from station.warm_up import ensure_warm
+from studies.command import end_with_parent, one_line_errors, study_parser, write_figures
+from studies.grid_features import DETECTORS, merge_by_features
+from studies.lone_journals import lone_journal
+from studies.merging_truth import LIDAR, ONE, OUTCOMES, TWO, Truth, outcome_of
+from studies.merging_worlds import is_told_apart, kind_of, repeats, worlds_of
 
-RIGHT_M, RIGHT_RAD = 0.05, math.radians(1.0)
 CLASSES = ((0.5, "≥ 50 %"), (0.3, "30–50 %"), (0.0, "< 30 %"))
-OTHER_WORLD = "other world"
-OUTCOMES = ("right", "undecided", "false")
-SHORTEST = 0.4
-ONE, TWO = LogName("a", 0), LogName("b", 0)
+SHORTEST = 0.3
+
+TRIALS = "trials.jsonl"
+
+
+class Pair(Model):
+    """Two journals: in which worlds, by which seeds, of how many seconds."""
+
+    worlds: tuple[str, str]
+    seeds: tuple[int, int]
+    seconds: float
+
+
+class Choice(Model):
+    """What a trial merges: the share of its keyframes that is left of either journal."""
+
+    number: int
+    pair: Pair
+    shares: tuple[float, float]
 
 
 class Trial(Model):
-    """One trial: which journals, how much of each, and what came of it."""
+    """What came of a choice. `told`: whether what both have seen leaves one answer only; `usual`:
+    what came of the usual method, by its features."""
 
-    number: int
-    worlds: tuple[str, str]
-    seeds: tuple[int, int]
-    shares: tuple[float, float]
+    choice: Choice
     overlap: float | None
+    told: bool
     state: str
     reason: str
+    outcome: str
     error_m: float | None
     error_rad: float | None
-    outcome: str
+    starts_m: float | None
+    seconds: float
+    usual: dict[str, str]
 
 
-def record(world: str, seed: int, seconds: float, folder: Path) -> tuple[list[Known], Pose2]:
-    """The entries of a robot that explored a world alone, and where it started."""
-    path = folder / f"{Path(world).stem}-{seed}.journal"
-    scenario = Scenario(
-        map=world,
-        seed=seed,
-        robots=(RobotSpec(name="r1"),),
-        starts="unknown",
-        radio=GateConfig(range_m=0.0),
-        max_sim_s=seconds,
+def choices(
+    worlds: list[str], runs: int, seconds: float, trials: int, others: int, seed: int
+) -> Iterator[Choice]:
+    """Trials within a world, going through all pairs of journals, then others from two worlds."""
+    within = [
+        Pair(worlds=(world, world), seeds=two, seconds=seconds)
+        for two in combinations(range(runs), 2)
+        for world in worlds
+    ]
+    pairs = [within[number % len(within)] for number in range(trials)]
+    for number in range(others):
+        rng = np.random.default_rng((seed, 1, number))
+        one, two = rng.choice(worlds, 2, replace=False).tolist()
+        seeds = (int(rng.integers(runs)), int(rng.integers(runs)))
+        pairs.append(Pair(worlds=(one, two), seeds=seeds, seconds=seconds))
+    for number, pair in enumerate(pairs):
+        rng = np.random.default_rng((seed, 2, number))
+        one, two = np.round(rng.uniform(SHORTEST, 1.0, 2), 3).tolist()
+        yield Choice(number=number, pair=pair, shares=(one, two))
+
+
+def run_trial(choice: Choice, folder: Path) -> Trial:
+    """Merge two journals as they were when cut off, and hold the result against the truth."""
+    pair = choice.pair
+    one, two = (
+        lone_journal(world, seed, pair.seconds, folder).cut(share)
+        for world, seed, share in zip(pair.worlds, pair.seeds, choice.shares, strict=True)
     )
-    simulation = Simulation(scenario)
-    start = Pose2.from_array(simulation.starts[0])
-    if not path.exists():
-        brain = Brain(simulation.robot_config("r1"))
-        records: list[bytes] = []
-        senses = simulation.step({})
-        while not simulation.done:
-            action = brain.step(senses["r1"])
-            records += brain.take_records()
-            senses = simulation.step({"r1": action})
-        partial = path.with_suffix(".part")
-        partial.write_bytes(b"".join(frame_record(one) for one in records))
-        partial.replace(path)
-    entries = []
-    for one in read_records(path):
-        name, body = decode_record(one)
-        entries.append(decode_entry(body, name.sequence))
-    return entries, start
-
-
-def cut(entries: list[Known], share: float) -> list[Known]:
-    """The first entries of a journal, up to a share of its keyframes."""
-    wanted = max(3, round(share * sum(isinstance(entry, Keyframe) for entry in entries)))
-    kept: list[Known] = []
-    for entry in entries:
-        if isinstance(entry, Hello):
-            kept.append(replace(entry, start=None))
-        elif isinstance(entry, Anchor | Keyframe | Closure):
-            kept.append(entry)
-        wanted -= isinstance(entry, Keyframe)
-        if wanted == 0:
-            break
-    return kept
-
-
-def run_trial(number: int, chosen: "Choice", folder: Path, seconds: float) -> Trial:
-    """Merge two journals and hold the result against the truth."""
-    lidar = LidarConfig()
-    logs: dict[LogName, list[Known]] = {}
-    starts: list[Pose2] = []
-    for name, world, seed, share in zip(
-        (ONE, TWO), chosen.worlds, chosen.seeds, chosen.shares, strict=True
-    ):
-        entries, start = record(world, seed, seconds, folder)
-        logs[name] = cut(entries, share)
-        starts.append(start)
-    merged = merge(logs, lidar)
-    view = merged.alignment.pair(ONE, TWO)
-    state = view.state if view else State.UNKNOWN
-    same = chosen.worlds[0] == chosen.worlds[1]
-    T_true = starts[0].inverse() @ starts[1]
-    error_m = error_rad = None
-    if state is State.ALIGNED and same:
-        missed = T_true.inverse() @ _transform(merged.solutions[0])
-        error_m, error_rad = math.hypot(missed.x, missed.y), abs(missed.theta)
-    outcome = "undecided"
-    if state is State.ALIGNED:
-        outcome = "right" if _is_right(error_m, error_rad) else "false"
-    return Trial(
-        number=number,
-        worlds=chosen.worlds,
-        seeds=chosen.seeds,
-        shares=chosen.shares,
-        overlap=true_overlap(logs, T_true, lidar) if same else None,
-        state=state.value,
-        reason=view.reason if view else "",
-        error_m=error_m,
-        error_rad=error_rad,
-        outcome=outcome,
-    )
-
-
-def _is_right(error_m: float | None, error_rad: float | None) -> bool:
-    if error_m is None or error_rad is None:
-        return False
-    return error_m <= RIGHT_M and error_rad <= RIGHT_RAD
-
-
-def true_overlap(logs: dict[LogName, list[Known]], T_one_two: Pose2, lidar: LidarConfig) -> float:
-    """Free cells in both maps by those of the smaller, where both truly lie."""
+    truth = Truth(one, two)
+    logs = {ONE: one.entries, TWO: two.entries}
     graph = make_graph(logs)
-    one, two = solve_alone(graph, ONE).anchors, solve_alone(graph, TWO).anchors
+    grids = {name: draw_grid(graph, name, solve_alone(graph, name).anchors, LIDAR) for name in logs}
+    overlap = true_overlap(graph, truth.T_starts) if truth.same else None
+    began = time.perf_counter()
+    merged = merge(logs, LIDAR)
+    took = time.perf_counter() - began
+    view = merged.alignment.pair(ONE, TWO)
+    aligned = view is not None and view.state is State.ALIGNED
+    claimed = aligned and truth.same
+    errors = truth.errors(merged.graph, merged.solutions[0]) if claimed else None
+    return Trial(
+        choice=choice,
+        overlap=overlap,
+        told=overlap is not None and is_told_apart(one, two, overlap),
+        state=(view.state if view else State.UNKNOWN).value,
+        reason=view.reason if view else "",
+        outcome=outcome_of(aligned, errors),
+        error_m=errors.metres if errors else None,
+        error_rad=errors.radians if errors else None,
+        starts_m=errors.starts_m if errors else None,
+        seconds=took,
+        usual={
+            detector: usual_outcome(truth, grids[ONE], grids[TWO], detector)
+            for detector in DETECTORS
+        },
+    )
+
+
+def usual_outcome(truth: Truth, one: OccupancyGrid, two: OccupancyGrid, detector: str) -> str:
+    """What came of merging the pictures of the two maps, each in the frame of its first anchor."""
+    found = merge_by_features(one, two, detector)
+    if found is None or not found.accepted:
+        return "undecided"
+    return outcome_of(True, truth.of_transform(found.T_a_b) if truth.same else None)
+
+
+def true_overlap(graph: JointGraph, T_one_two: Pose2) -> float:
+    """Free cells in both maps by those of the smaller, where both truly lie."""
+    one, two = (solve_alone(graph, name).anchors for name in (ONE, TWO))
     grids = (
-        draw_grid(graph, ONE, one, lidar),
-        draw_grid(graph, TWO, compose(T_one_two.to_array(), two), lidar),
+        draw_grid(graph, ONE, one, LIDAR),
+        draw_grid(graph, TWO, compose(T_one_two.to_array(), two), LIDAR),
     )
     return compare_grids(*grids)[0] or 0.0
 
 
-class Choice(Model):
-    """What a trial merges."""
-
-    worlds: tuple[str, str]
-    seeds: tuple[int, int]
-    shares: tuple[float, float]
-
-
-def choices(maps: list[str], runs: int, trials: int, seed: int) -> Iterator[Choice]:
-    """Trials drawn by a seed: three of four within one world, the others from two."""
-    for number in range(trials):
-        rng = np.random.default_rng((seed, number))
-        one = maps[int(rng.integers(len(maps)))]
-        two = one
-        if len(maps) > 1 and rng.random() < 0.25:
-            two = [world for world in maps if world != one][int(rng.integers(len(maps) - 1))]
-        first, second = rng.choice(runs, 2, replace=False).tolist()
-        shares = tuple(np.round(rng.uniform(SHORTEST, 1.0, 2), 3).tolist())
-        yield Choice(worlds=(one, two), seeds=(first, second), shares=shares)
+def label_of(trial: Trial) -> str:
+    """The row of the table that a trial counts in."""
+    world, _ = trial.choice.pair.worlds
+    if trial.overlap is None:
+        return "other worlds"
+    if repeats(world):
+        return f"{kind_of(world)}, {'told apart' if trial.told else 'both answers fit'}"
+    return "overlap " + next(label for least, label in CLASSES if trial.overlap >= least)
 
 
 def table(trials: list[Trial]) -> str:
-    """Outcomes by overlap."""
-    labels = [*(label for _, label in CLASSES), OTHER_WORLD]
-    rows = {label: [trial for trial in trials if class_of(trial) == label] for label in labels}
-    lines = [f"{'overlap':>12}  {'trials':>6}  {'right':>6}  {'undecided':>9}  {'false':>5}"]
-    for label, found in rows.items():
-        count = {what: sum(t.outcome == what for t in found) for what in OUTCOMES}
-        lines.append(
-            f"{label:>12}  {len(found):>6}  {count['right']:>6}  {count['undecided']:>9}  "
-            f"{count['false']:>5}"
-        )
+    """Outcomes of ours and of the usual method, by overlap or by what tells apart."""
+    methods = ("earshot", *DETECTORS)
+    head = "".join(f"  {method:>{4 * 9 + 6}}" for method in methods)
+    lines = [f"{'':>28}  {'':>6}{head}"]
+    lines.append(f"{'':>28}  {'trials':>6}" + "".join(f"  {o:>9}" for o in OUTCOMES) * len(methods))
+    for label in sorted({label_of(trial) for trial in trials}, reverse=True):
+        found = [trial for trial in trials if label_of(trial) == label]
+        counts = ""
+        for method in methods:
+            outcomes = [
+                trial.outcome if method == "earshot" else trial.usual[method] for trial in found
+            ]
+            counts += "".join(f"  {outcomes.count(what):>9}" for what in OUTCOMES)
+        lines.append(f"{label:>28}  {len(found):>6}{counts}")
     return "\n".join(lines)
 
 
-def class_of(trial: Trial) -> str:
-    if trial.overlap is None:
-        return OTHER_WORLD
-    return next(label for least, label in CLASSES if trial.overlap >= least)
+def _done(path: Path) -> dict[Choice, Trial]:
+    """What an earlier study left there."""
+    if not path.exists():
+        return {}
+    lines = path.read_text().splitlines()
+    return {trial.choice: trial for trial in map(Trial.model_validate_json, lines)}
 
 
-def _transform(solution: Solution) -> Pose2:
-    """`T_one_two` between first anchors."""
-    one, two = (Pose2.from_array(solution[name][0]) for name in (ONE, TWO))
-    return one.inverse() @ two
+def study(asked: list[Choice], out: Path, jobs: int) -> Iterator[Trial]:
+    """All trials, as they come; what was done before is not done again."""
+    done = _done(out / TRIALS)
+    waiting = [choice for choice in asked if choice not in done]
+    yield from (done[choice] for choice in asked if choice in done)
+    for trial in _each(waiting, out, jobs):
+        with (out / TRIALS).open("a") as file:
+            file.write(trial.model_dump_json() + "\n")
+        yield trial
+
+
+def _each(waiting: list[Choice], out: Path, jobs: int) -> Iterable[Trial]:
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(jobs, context, initializer=end_with_parent) as pool:
+        # Journals first: two workers that need the same one would both play it.
+        journals = {
+            (world, seed, choice.pair.seconds)
+            for choice in waiting
+            for world, seed in zip(choice.pair.worlds, choice.pair.seeds, strict=True)
+        }
+        running = [pool.submit(lone_journal, *one, out) for one in sorted(journals)]
+        try:
+            for played in as_completed(running):
+                played.result()
+            merging = [pool.submit(run_trial, choice, out) for choice in waiting]
+            for future in as_completed(merging):
+                yield future.result()
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
 
 
 def _arguments(argv: list[str] | None) -> argparse.Namespace:
     parser = study_parser("studies.merging", __doc__)
-    parser.add_argument("--maps", default="office,loop,rooms-small", help="names or YAML files")
-    parser.add_argument("--runs", type=int, default=4, help="journals kept of each map")
-    parser.add_argument("--seconds", type=float, default=90.0, help="simulated, of each journal")
-    parser.add_argument("--trials", type=int, default=40)
+    parser.add_argument(
+        "worlds",
+        nargs="*",
+        default=["scoring"],
+        help="tuning, scoring, tuning-repeating, repeating, names of maps, YAML files",
+    )
+    parser.add_argument("--runs", type=int, default=4, help="journals of each world")
+    parser.add_argument("--seconds", type=float, default=180.0, help="simulated, of each journal")
+    parser.add_argument("--trials", type=int, default=300, help="of two journals from one world")
+    parser.add_argument("--others", type=int, default=0, help="trials of journals from two worlds")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--jobs", type=int, default=1, help="processes")
     parser.add_argument("--out", type=Path, default=Path("runs/merging"), help="kept journals")
     return parser.parse_args(argv)
 
 
+@one_line_errors
 def main(argv: list[str] | None = None) -> int:
     arguments = _arguments(argv)
+    ensure_warm()
     arguments.out.mkdir(parents=True, exist_ok=True)
-    done_file = arguments.out / "trials.jsonl"
-    done = _read_done(done_file)
+    worlds = [world for names in arguments.worlds for world in worlds_of(names)]
+    asked = list(
+        choices(
+            worlds,
+            arguments.runs,
+            arguments.seconds,
+            arguments.trials,
+            arguments.others,
+            arguments.seed,
+        )
+    )
     trials: list[Trial] = []
-    maps = arguments.maps.split(",")
-    try:
-        for number, chosen in enumerate(
-            choices(maps, arguments.runs, arguments.trials, arguments.seed)
-        ):
-            trial = done.get(_key(number, chosen.model_dump(mode="json")))
-            if trial is None:
-                trial = run_trial(number, chosen, arguments.out, arguments.seconds)
-                with done_file.open("a") as file:
-                    file.write(trial.model_dump_json() + "\n")
-            trials.append(trial)
-            where = f"[{number + 1}/{arguments.trials}]"
-            print(f"{where} {class_of(trial)}: {trial.outcome}", flush=True)
-    except EarshotError as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
+    for trial in study(asked, arguments.out, arguments.jobs):
+        trials.append(trial)
+        print(f"[{len(trials)}/{len(asked)}] {label_of(trial)}: {trial.outcome}", flush=True)
+    trials.sort(key=lambda trial: trial.choice.number)
     print(table(trials))
-    rows = [trial.model_dump(mode="json") for trial in trials]
-    write_figures(rows, arguments.json)
+    write_figures([trial.model_dump(mode="json") for trial in trials], arguments.json)
     return 0
-
-
-def _read_done(path: Path) -> dict[str, Trial]:
-    if not path.exists():
-        return {}
-    found = {}
-    for line in path.read_text().splitlines():
-        trial = Trial.model_validate_json(line)
-        found[_key(trial.number, trial.model_dump(mode="json"))] = trial
-    return found
-
-
-def _key(number: int, fields: dict[str, Any]) -> str:
-    return json.dumps([number, *(fields[name] for name in ("worlds", "seeds", "shares"))])
 
 
 if __name__ == "__main__":

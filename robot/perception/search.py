@@ -122,11 +122,13 @@ def search(pyramid: Pyramid, returns: Returns, window: Window, floor: float) -> 
     best, second, nodes = search_kernels.branch_and_bound(
         pyramid.levels,
         cells,
+        np.arange(float(len(angles))),
         half,
         half,
         round(SAME_PEAK_M / SEARCH_RESOLUTION_M),
         max(1, round(SAME_PEAK_RAD / step)),
         int(floor * full),
+        0.0,
         MAX_NODES,
     )
     total, angle, row, column = best

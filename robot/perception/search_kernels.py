@@ -92,14 +92,25 @@ def bound_of(pyramid, level, cells, angle, row, column):
 
 @kernel
 def branch_and_bound(
-    pyramid, cells, half_rows, half_columns, exclusion_cells, exclusion_angles, floor, max_nodes
+    pyramid,
+    cells,
+    turns,
+    half_rows,
+    half_columns,
+    exclusion_cells,
+    exclusion_turn,
+    floor,
+    share,
+    max_nodes,
 ):
     """Best offset of rotated points on a field, and the best one elsewhere; all in search cells.
 
-    `cells` (angles×points×2) are rows and columns of the points at each rotation, at offset 0.
-    Offsets within ±half_rows, ±half_columns are searched best-first, so that the first leaf met is
-    the best of all; the second result is the best leaf outside the exclusion zone round it, or
-    (angle −1) a bound on it. Returns best (total, angle, row, column), second (the same), nodes.
+    `cells` (angles×points×2) are rows and columns of the points at each rotation, at offset 0;
+    `turns` (angles) the rotations themselves, in the unit of `exclusion_turn`. Offsets within
+    ±half_rows, ±half_columns are searched best-first, so that the first leaf met is the best of
+    all; the second result is the best leaf outside the exclusion zone round it, or (angle −1) a
+    bound on it, where none has more than `share` of the best. Returns best (total, angle, row,
+    column), second (the same), nodes.
     After Olson, "Real-time correlative scan matching", 2009 and Hess et al., "Real-time loop
     closure in 2D lidar SLAM", 2016.
     """
@@ -128,9 +139,9 @@ def branch_and_bound(
             near_columns = abs(column - best[3]) < exclusion_cells and (
                 abs(column + size - 1 - best[3]) < exclusion_cells
             )
-            if near_rows and near_columns and abs(angle - best[1]) < exclusion_angles:
+            if near_rows and near_columns and abs(turns[angle] - turns[best[1]]) < exclusion_turn:
                 continue
-        if nodes > max_nodes:
+        if nodes > max_nodes or -negative < share * best[0]:
             if best[1] >= 0:
                 second = (-negative, -1, 0, 0)
             break

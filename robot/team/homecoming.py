@@ -6,6 +6,8 @@ nobody else leaves a log that ends here. Carried elsewhere meanwhile, it finds n
 are aligned like those of strangers.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from protocol.config import LidarConfig
@@ -14,7 +16,7 @@ from robot.jobs import Jobs
 from robot.perception.returns import noise_model
 from robot.slam.gaussian import carry, invert_spd
 from robot.team.entries import Link
-from robot.team.evidence import Evidence, Kind
+from robot.team.evidence import Kind
 from robot.team.joint import JointGraph
 from robot.team.journal import LogName
 from robot.team.place import Stretch, make_place
@@ -79,14 +81,11 @@ def come_home(graph: JointGraph, own: LogName, before: LogName, noise: FloatArra
     count = len(old_log.keyframes)
     old = make_place(old_log, Stretch(0, max(0, count - LAST_KEYFRAMES), count), noise)
     new = make_place(new_log, Stretch(0, 0, len(new_log.keyframes)), noise)
-    match = find_place(old, make_pyramid(old), new)
-    if match is None or match.objection:
-        return None
-    (stands,) = match.T_a_b.apply(new.keyframes[:1, :2])
-    if float(np.hypot(*(stands - old.keyframes[-1, :2]))) > RETURN_M:
-        return None
-    T_new_old = match.T_a_b.inverse()
-    covariance = carry(invert_spd(match.information), T_new_old)
-    said = match.evidence
-    evidence = Evidence(Kind.SIGHTING, said.overlap, said.hits, said.crossing, said.ambiguity)
-    return Link(new.anchor, before, old.anchor, T_new_old, invert_spd(covariance), evidence)
+    for match in find_place(old, make_pyramid(old), new):
+        (stands,) = match.T_a_b.apply(new.keyframes[:1, :2])
+        if float(np.hypot(*(stands - old.keyframes[-1, :2]))) <= RETURN_M:
+            T_new_old = match.T_a_b.inverse()
+            covariance = carry(invert_spd(match.information), T_new_old)
+            evidence = replace(match.evidence, kind=Kind.SIGHTING)
+            return Link(new.anchor, before, old.anchor, T_new_old, invert_spd(covariance), evidence)
+    return None

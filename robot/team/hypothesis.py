@@ -12,7 +12,7 @@ from robot.team.joint import Group, JointGraph, LinkName, Solution, solve
 from robot.team.journal import LogName
 
 MAX_MATCHES = 150
-MAX_HYPOTHESES = 3
+MAX_HYPOTHESES = 6
 # A sighting says who was seen, so one is worth more than a look-alike place can be.
 SIGHTING_WEIGHT = 2.0
 # Below this a place match says next to nothing.
@@ -33,14 +33,15 @@ class Hypothesis:
     """An alignment that a consistent set of matches speaks for.
 
     `places` counts the distinct places matched on the side with fewer, `worth` their weights;
-    `sightings` the sightings among the matches. `solution` places both logs in the frame of the
-    first by these matches alone.
+    `sightings` the sightings among the matches; `ambiguity` that of most of them. `solution` places
+    both logs in the frame of the first by these matches alone.
     """
 
     links: tuple[LinkName, ...]
     worth: float
     places: int
     sightings: int
+    ambiguity: float
     solution: Solution
 
     def transform(self, a: LogName, b: LogName) -> Pose2:
@@ -102,11 +103,16 @@ def hypotheses(graph: JointGraph, lone: LoneLogs, a: LogName, b: LogName) -> lis
             @ Pose2.from_array(matches.poses_b[best]).inverse()
         )
         places = min(len(np.unique(matches.of[chosen])), len(np.unique(matches.to[chosen])))
-        sightings = sum(_evidence(graph, name).kind == Kind.SIGHTING for name in links)
+        evidence = [_evidence(graph, name) for name in links]
         group = Group((a, b), (Pose2(0.0, 0.0, 0.0), T_a_b), (True, False), frozenset(links))
         found.append(
             Hypothesis(
-                links, worth(matches, chosen), places, sightings, solve(graph.problem(group))
+                links,
+                worth(matches, chosen),
+                places,
+                sum(one.kind is Kind.SIGHTING for one in evidence),
+                float(np.median([one.ambiguity for one in evidence])),
+                solve(graph.problem(group)),
             )
         )
     return found

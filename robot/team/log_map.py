@@ -9,8 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from protocol.pose import FloatArray, Pose2
+from protocol.pose import IDENTITY, FloatArray, Pose2
 from robot.perception.field import CorrelationField, Overlay
+from robot.perception.matching import match_returns
 from robot.perception.returns import Returns, describe_returns
 from robot.perception.scan import LaserScan
 from robot.team.joint import keyframe_poses
@@ -21,6 +22,8 @@ from robot.team.place import USABLE_RANGE_M, spread
 APART_M = 0.8
 REACH_M = 12.0
 WALL_SPACING_M = 0.25
+# A map that would lie better elsewhere by more than this lies where it is for another reason.
+MAX_SHIFT_M, MAX_TURN_RAD = 0.5, 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,12 +36,12 @@ class LogScans:
 
 @dataclass(frozen=True, slots=True)
 class LogMap:
-    """Scans at poses (k×3), what they drew, and the walls as points (n×2), all in one frame."""
+    """Scans at poses (k×3), what they drew, and the walls, spread evenly, all in one frame."""
 
     poses: FloatArray
     scans: tuple[Returns, ...]
     field: CorrelationField
-    walls: FloatArray
+    walls: Returns
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,10 +84,11 @@ def draw_log(log: LogGraph, scans: LogScans, anchors: FloatArray) -> LogMap:
         field.draw(placed, scan)
         values = scan.values.copy()
         values[:, :2] = placed.apply(values[:, :2])
+        values[:, 2:4] = Pose2(0.0, 0.0, placed.theta).apply(values[:, 2:4])
         points.append(values)
     together = np.concatenate(points)
     walls = spread(Returns(together, np.zeros(len(together), dtype=np.int64)), WALL_SPACING_M)
-    return LogMap(poses, scans.scans, field, walls.points.copy())
+    return LogMap(poses, scans.scans, field, walls)
 
 
 def _apart(poses: FloatArray) -> list[int]:
@@ -96,9 +100,17 @@ def _apart(poses: FloatArray) -> list[int]:
     return chosen
 
 
-def lay_over(a: LogMap, b: LogMap) -> Overlap:
-    """How two maps in one frame lie on each other; the worse of both ways counts."""
-    (on_a, walls_a), (on_b, walls_b) = _one_way(a, b), _one_way(b, a)
+def closest(a: LogMap, b: LogMap) -> Pose2:
+    """The shift `T_a_b` of a whole map that makes it lie best on another, near to where both are:
+    what a hypothesis errs by that rests on one match at one end of them."""
+    shift = match_returns(a.field, b.walls, IDENTITY).T_field_base
+    near = math.hypot(shift.x, shift.y) <= MAX_SHIFT_M and abs(shift.theta) <= MAX_TURN_RAD
+    return shift if near else IDENTITY
+
+
+def lay_over(a: LogMap, b: LogMap, T_a_b: Pose2 = IDENTITY) -> Overlap:
+    """How two maps lie on each other, the second one shifted; the worse of both ways counts."""
+    (on_a, walls_a), (on_b, walls_b) = _one_way(a, b, T_a_b), _one_way(b, a, T_a_b.inverse())
     return Overlap(
         max(on_a.overlap, on_b.overlap),
         min(on_a.hits, on_b.hits),
@@ -108,9 +120,10 @@ def lay_over(a: LogMap, b: LogMap) -> Overlap:
     )
 
 
-def _one_way(a: LogMap, b: LogMap) -> tuple[Overlay, float]:
+def _one_way(a: LogMap, b: LogMap, T_a_b: Pose2) -> tuple[Overlay, float]:
     total, weight = np.zeros(4), 0.0
     for pose, scan in zip(b.poses, b.scans, strict=True):
-        total += a.field.compare(Pose2.from_array(pose), scan)
+        total += a.field.compare(T_a_b @ Pose2.from_array(pose), scan)
         weight += float(scan.values[:, 4].sum())
-    return Overlay.of(total, weight), WALL_SPACING_M * a.field.on_walls(b.walls)
+    walls = T_a_b.apply(b.walls.points.copy())
+    return Overlay.of(total, weight), WALL_SPACING_M * a.field.on_walls(walls)

@@ -17,22 +17,34 @@ from robot.team.evidence import Kind
 from robot.team.hypothesis import Hypothesis, LoneLogs, hypotheses
 from robot.team.joint import JointGraph, LinkName
 from robot.team.journal import LogName
-from robot.team.log_map import LogScans, Overlap, choose_scans, draw_log, lay_over
+from robot.team.log_map import LogMap, LogScans, Overlap, choose_scans, closest, draw_log, lay_over
 
-# The whole maps: rays through walls, returns where the other saw none, walls seen by both.
-MAX_CROSSING = 0.06
-MIN_HITS = 0.80
-MIN_WALLS_M = 25.0
-# Distinct places, and what they are worth together.
-MIN_PLACES = 3
-MIN_WORTH = 1.2
+
+@dataclass(frozen=True, slots=True)
+class Demands:
+    """What an alignment takes: distinct places, what they are worth together, and how like the next
+    best most of them may look; of the whole maps the walls seen by both, returns on walls, and rays
+    through them."""
+
+    places: int
+    worth: float
+    ambiguity: float
+    walls_m: float
+    hits: float
+    crossing: float
+
+
+# Of few places the maps must say more: that they agree to the last bit, over more than a room.
+MANY = Demands(places=3, worth=1.2, ambiguity=1.0, walls_m=25.0, hits=0.80, crossing=0.06)
+FEW = Demands(places=1, worth=0.4, ambiguity=0.85, walls_m=35.0, hits=0.85, crossing=0.015)
 # Two sightings each of which says who was seen need no look-alike places to be ruled out.
 MIN_SIGHTINGS = 2
 MAX_SIGHTED_CROSSING = 0.10
-# Another alignment that comes this near to the best in worth, and does not contradict the maps much
-# more than the best does, leaves it open which is right.
+# Another alignment that comes this near to the best in worth leaves it open which is right, unless
+# the maps rule it out; of less worth, if they agree by it as they would have to by few places.
 RIVAL_WORTH = 0.6
 RIVAL_CROSSING = 0.08
+RIVAL_HITS = 0.90
 
 KNOWN = "their starts are known"
 
@@ -87,10 +99,19 @@ class PairJudge:
         found = hypotheses(self._graph, self._lone, a, b)
         if not found:
             return PairView(a, b, State.UNKNOWN, "no match that is worth anything")
-        best, *others = found
-        enough = best.sightings >= MIN_SIGHTINGS or (
-            best.places >= MIN_PLACES and best.worth >= MIN_WORTH
-        )
+        views = []
+        for best in found:
+            views.append(self._view(best, [other for other in found if other is not best], a, b))
+            # What the maps rule out leaves room for the next; sightings that they rule out do not:
+            # something is wrong then that nobody can see from here.
+            if views[-1].state is not State.CONTRADICTORY or best.sightings >= MIN_SIGHTINGS:
+                break
+        last = views[-1]
+        return last if last.state is State.ALIGNED else views[0]
+
+    def _view(self, best: Hypothesis, others: list[Hypothesis], a: LogName, b: LogName) -> PairView:
+        """How two logs stand if `best` is what their matches say."""
+        enough = best.sightings >= MIN_SIGHTINGS or best.worth >= FEW.worth
         overlap = self._lay_over(best, a, b) if enough else None
         state, reason = self._verdict(best, overlap, others, a, b)
         return PairView(
@@ -125,31 +146,46 @@ class PairJudge:
         b: LogName,
     ) -> tuple[State, str]:
         if overlap is None:
-            return State.TENTATIVE, f"{best.places} places are too few"
+            return State.TENTATIVE, "the matches are worth too little"
         sighted = best.sightings >= MIN_SIGHTINGS
-        if overlap.crossing > (MAX_SIGHTED_CROSSING if sighted else MAX_CROSSING):
-            return State.CONTRADICTORY, f"{overlap.crossing:.1%} of the rays cross walls"
+        many = best.places >= MANY.places and best.worth >= MANY.worth
+        demands = MANY if many else FEW
+        # What few places say is too little to hold anything against the maps.
+        unlike = State.CONTRADICTORY if many or sighted else State.TENTATIVE
+        if overlap.crossing > (MAX_SIGHTED_CROSSING if sighted else demands.crossing):
+            return unlike, f"{overlap.crossing:.1%} of the rays cross walls"
         if sighted:
             return State.ALIGNED, f"{best.sightings} sightings agree"
-        if overlap.hits < MIN_HITS:
-            return State.CONTRADICTORY, f"only {overlap.hits:.0%} of the returns lie on walls"
-        if overlap.walls_m < MIN_WALLS_M:
+        if overlap.hits < demands.hits:
+            return unlike, f"only {overlap.hits:.0%} of the returns lie on walls"
+        if best.ambiguity > demands.ambiguity:
+            return State.TENTATIVE, "the places look like others"
+        if overlap.walls_m < demands.walls_m:
             return State.TENTATIVE, f"{overlap.walls_m:.0f} m of common walls are too few"
-        for other in others:
-            if other.worth >= RIVAL_WORTH * best.worth and (
-                self._lay_over(other, a, b).crossing <= RIVAL_CROSSING
-            ):
-                return State.TENTATIVE, "another alignment fits nearly as well"
+        if any(self._is_rival(other, best, a, b) for other in others):
+            return State.TENTATIVE, "another alignment fits nearly as well"
         return State.ALIGNED, f"{best.places} places agree"
 
+    def _is_rival(self, other: Hypothesis, best: Hypothesis, a: LogName, b: LogName) -> bool:
+        """Whether another alignment leaves it open which is right: one that comes near in worth, or
+        one of less whose maps agree to the last bit too."""
+        near = other.worth >= RIVAL_WORTH * best.worth
+        if not near and other.worth < FEW.worth:
+            return False
+        laid = self._lay_over(other, a, b)
+        if near:
+            return laid.crossing <= RIVAL_CROSSING
+        return laid.crossing <= FEW.crossing and laid.hits >= RIVAL_HITS
+
     def _lay_over(self, hypothesis: Hypothesis, a: LogName, b: LogName) -> Overlap:
-        """The whole maps as a hypothesis bends them together: before that drift looks like walls
-        that are crossed."""
-        maps = []
-        for name in (a, b):
-            log = self._graph.log(name)
-            assert log is not None
-            if name not in self._scans:
-                self._scans[name] = choose_scans(log, self._lone[name].anchors, self._noise)
-            maps.append(draw_log(log, self._scans[name], hypothesis.solution[name]))
-        return lay_over(*maps)
+        """The whole maps as a hypothesis bends them together, and shifted to where they lie best:
+        before that, drift looks like walls that are crossed."""
+        one, other = (self._draw(hypothesis, name) for name in (a, b))
+        return lay_over(one, other, closest(one, other))
+
+    def _draw(self, hypothesis: Hypothesis, name: LogName) -> LogMap:
+        log = self._graph.log(name)
+        assert log is not None
+        if name not in self._scans:
+            self._scans[name] = choose_scans(log, self._lone[name].anchors, self._noise)
+        return draw_log(log, self._scans[name], hypothesis.solution[name])

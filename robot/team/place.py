@@ -5,7 +5,9 @@ in the frame of the anchor of its middle keyframe. So it is a function of entrie
 every robot that holds the log makes the same places of it.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
@@ -17,6 +19,10 @@ from robot.team.log_graph import LogGraph
 
 TRAVEL_M = 6.0
 EVERY_M = 4.0
+# What was seen so far back is drawn too: a place that is looked for lies seldom within one stretch.
+CONTEXT_M = 12.0
+# So much overlaps then that every so many places hold it all.
+SEARCHED_EVERY = 3
 # Turning on the spot is no travel, but so many keyframes are a place all the same.
 MAX_KEYFRAMES = 40
 USABLE_RANGE_M = 20.0
@@ -80,6 +86,19 @@ def stretches(log: LogGraph, whole: bool = False) -> list[Stretch]:
     return found
 
 
+Numbered = TypeVar("Numbered", Place, Stretch)
+
+
+def searched(places: Sequence[Numbered]) -> list[Numbered]:
+    """Those places of a log in which others are looked for: these and what was seen before them
+    are all that was seen."""
+    return [
+        place
+        for place in places
+        if place.number % SEARCHED_EVERY == SEARCHED_EVERY - 1 or place is places[-1]
+    ]
+
+
 def _travel(log: LogGraph) -> FloatArray:
     """Metres (k) driven up to each keyframe, by the chain of anchors."""
     poses = chained_poses(log, 0, len(log.keyframes))
@@ -108,36 +127,45 @@ def make_place(log: LogGraph, stretch: Stretch, noise: FloatArray) -> Place:
     """Draw the keyframes of a stretch; `noise` as in `describe_returns`."""
     assert log.hello is not None
     keyframes = log.keyframes[stretch.first : stretch.end]
-    middle = len(keyframes) // 2
-    poses = chained_poses(log, stretch.first, stretch.end)
+    middle = keyframes[len(keyframes) // 2]
+    begin = _context(log, stretch)
+    poses = chained_poses(log, begin, stretch.end)
     # Into the frame of the middle keyframe's anchor.
-    T_first_anchor = Pose2.from_array(poses[middle]) @ keyframes[middle].T_anchor_keyframe.inverse()
-    poses = compose(T_first_anchor.inverse().to_array(), poses)
+    at = Pose2.from_array(poses[stretch.first - begin + len(keyframes) // 2])
+    poses = compose((at @ middle.T_anchor_keyframe.inverse()).inverse().to_array(), poses)
     angles, max_range = log.hello.angles, log.hello.max_range_m
     scans = tuple(
         describe_returns(
             LaserScan(keyframe.ranges, angles, max_range), noise, min(max_range, USABLE_RANGE_M)
         )
-        for keyframe in keyframes
+        for keyframe in log.keyframes[begin : stretch.end]
     )
-    centre = poses[:, :2].mean(axis=0)
-    extent = float(np.abs(poses[:, :2]).max()) + REACH_M
-    field = CorrelationField.around(extent)
+    field = CorrelationField.around(float(np.abs(poses[:, :2]).max()) + REACH_M)
     for pose, scan in zip(poses, scans, strict=True):
         field.draw(Pose2.from_array(pose), scan)
+    poses, scans = poses[stretch.first - begin :], scans[stretch.first - begin :]
+    extent = float(np.abs(poses[:, :2]).max()) + REACH_M
     surfaces = spread(_together(poses, scans, extent), MATCH_SPACING_M)
     landmarks = spread(surfaces, SEARCH_SPACING_M)
     return Place(
         stretch.number,
-        keyframes[middle].anchor,
+        middle.anchor,
         poses,
         scans,
-        centre,
+        poses[:, :2].mean(axis=0),
         field.cropped(),
         surfaces,
         landmarks.thinned(SEARCH_POINTS),
         _directions(surfaces),
     )
+
+
+def _context(log: LogGraph, stretch: Stretch) -> int:
+    """The first of the keyframes that are drawn with a stretch: what was seen just before."""
+    travelled = _travel(log)
+    wanted = travelled[stretch.first] - CONTEXT_M
+    first = int(np.searchsorted(travelled, wanted, side="left"))
+    return max(first, stretch.first - 2 * MAX_KEYFRAMES, 0)
 
 
 def _together(poses: FloatArray, scans: tuple[Returns, ...], extent: float) -> Returns:

@@ -17,7 +17,7 @@ from robot.team.entries import Link
 from robot.team.joint import JointGraph
 from robot.team.journal import LogName
 from robot.team.log_graph import LogGraph
-from robot.team.place import Place, Stretch, make_place, stretches
+from robot.team.place import Place, Stretch, make_place, searched, stretches
 from robot.team.place_match import find_place, make_pyramid
 
 JOB = "places"
@@ -141,7 +141,7 @@ class PlaceFinder:
         assert log is not None
         theirs = stretches(log)
         lower = self._own < name
-        for a in own_places:
+        for a in searched(own_places):
             for b in theirs:
                 if (a.number, name, b.number) in self._examined:
                     continue
@@ -179,8 +179,9 @@ def run_errands(
     links = []
     for errand in errands:
         ours, theirs = draw(own, errand.ours), draw(errand.log, errand.theirs)
-        match = find_place(ours.place, ours.pyramid, theirs.place)
-        if match is not None and not match.objection:
-            of, to = ours.place.anchor, theirs.place.anchor
-            links.append(Link(of, errand.log, to, match.T_a_b, match.information, match.evidence))
+        of, to = ours.place.anchor, theirs.place.anchor
+        links += [
+            Link(of, errand.log, to, match.T_a_b, match.information, match.evidence)
+            for match in find_place(ours.place, ours.pyramid, theirs.place)
+        ]
     return Findings(tuple(links), drawn)

@@ -30,7 +30,7 @@ from robot.team.place import DIRECTION_BINS, Place
 # Rotations are tried degree by degree where the walls' directions agree to this share of the best.
 SAME_DIRECTIONS = 0.85
 SAME_PEAK_DEG = 15
-SEARCH_FLOOR = 0.45
+SEARCH_FLOOR = 0.5
 # Peaks lower than this share of the best one are no rivals.
 RIVAL_SHARE = 0.75
 # Every so many scans of a place are laid over the other.
@@ -71,11 +71,10 @@ class PlaceMatch:
 
 @dataclass(frozen=True, slots=True)
 class _Peak:
-    """The best pose of a search with its score, and that of the best pose elsewhere."""
+    """A pose that a search found, with its score by the best elsewhere."""
 
     T_a_b: Pose2
-    score: float
-    rival: float
+    ambiguity: float
 
 
 def make_pyramid(place: Place) -> Pyramid:
@@ -84,12 +83,13 @@ def make_pyramid(place: Place) -> Pyramid:
     return Pyramid.of(Blocks.of(place.field), extent_m)
 
 
-def find_place(a: Place, pyramid: Pyramid, b: Place) -> PlaceMatch | None:
-    """Place b in place a with no idea of where it is; None where nothing looks like it."""
-    peak = _search(a, pyramid, b)
-    if peak is None:
-        return None
-    return match_from(a, b, peak.T_a_b, Kind.PLACE, peak.rival / peak.score)
+def find_place(a: Place, pyramid: Pyramid, b: Place) -> list[PlaceMatch]:
+    """Where place b may lie in place a, with no idea of where it is: what no evidence speaks
+    against, the best by its score first, and at most two: where places look alike both count."""
+    matches = [
+        match_from(a, b, peak.T_a_b, Kind.PLACE, peak.ambiguity) for peak in _search(a, pyramid, b)
+    ]
+    return [match for match in matches if not match.objection]
 
 
 def match_from(
@@ -105,7 +105,7 @@ def match_from(
         match.score,
         Evidence(
             kind,
-            min(on_a.overlap, on_b.overlap),
+            max(on_a.overlap, on_b.overlap),
             min(on_a.hits, on_b.hits),
             max(on_a.crossing, on_b.crossing),
             ambiguity,
@@ -122,44 +122,41 @@ def _lay_over(a: Place, b: Place, T_a_b: Pose2) -> Overlay:
     return Overlay.of(total, weight)
 
 
-def _search(a: Place, pyramid: Pyramid, b: Place) -> _Peak | None:
-    """The best pose of b in a. Rotations are about the middle of b, offsets from that of a."""
+def _search(a: Place, pyramid: Pyramid, b: Place) -> list[_Peak]:
+    """The best pose of b in a, and the best elsewhere if that comes near. Rotations are about the
+    middle of b, offsets from that of a."""
     if len(b.landmarks) == 0:
-        return None
+        return []
     sigma2 = b.landmarks.values[:, 5] ** 2
     full = 255.0 * float((SIGMA_M / np.sqrt(SIGMA_M**2 + 2.0 * sigma2)).sum())
     shape = np.array(a.field.nodes.shape)
     middle = a.field.origin + 0.5 * RESOLUTION_M * shape[::-1]
     half_rows, half_columns = (shape // (2 * NODES_PER_CELL) + 1).tolist()
-    floor, best = SEARCH_FLOOR, None
-    scores: list[float] = []
-    for degrees in rotations(a.directions, b.directions):
-        angles = np.radians(degrees)
-        first, second, _ = search_kernels.branch_and_bound(
-            pyramid.levels,
-            _cells(b.landmarks.points - b.centre, angles, middle - a.field.origin),
-            half_rows,
-            half_columns,
-            round(SAME_PEAK_M / SEARCH_RESOLUTION_M),
-            SAME_PEAK_DEG,
-            int(floor * full),
-            MAX_NODES,
-        )
-        total, angle, row, column = first
+    degrees = rotations(a.directions, b.directions)
+    angles = np.radians(degrees)
+    first, second, _ = search_kernels.branch_and_bound(
+        pyramid.levels,
+        _cells(b.landmarks.points - b.centre, angles, middle - a.field.origin),
+        degrees,
+        half_rows,
+        half_columns,
+        round(SAME_PEAK_M / SEARCH_RESOLUTION_M),
+        SAME_PEAK_DEG,
+        int(SEARCH_FLOOR * full),
+        RIVAL_SHARE,
+        MAX_NODES,
+    )
+    floor = max(SEARCH_FLOOR * full, RIVAL_SHARE * first[0])
+    peaks = []
+    for one, other in ((first, second), (second, first)):
+        total, angle, row, column = one
         if angle < 0:
             continue
-        score = total / full
-        scores += [score, second[0] / full]
-        if best is None or score > best.score:
-            x, y = middle + SEARCH_RESOLUTION_M * np.array([column, row])
-            coarse = np.array([x, y, angles[angle]])
-            T_a_centre = _within_cell(a, b, coarse)
-            T_a_b = T_a_centre @ Pose2(-float(b.centre[0]), -float(b.centre[1]), 0.0)
-            best = _Peak(T_a_b, score, 0.0)
-            floor = max(floor, RIVAL_SHARE * score)
-    if best is None:
-        return None
-    return _Peak(best.T_a_b, best.score, max(sorted(scores)[-2], floor))
+        x, y = middle + SEARCH_RESOLUTION_M * np.array([column, row])
+        T_a_centre = _within_cell(a, b, np.array([x, y, angles[angle]]))
+        T_a_b = T_a_centre @ Pose2(-float(b.centre[0]), -float(b.centre[1]), 0.0)
+        peaks.append(_Peak(T_a_b, min(1.0, max(other[0], floor) / total)))
+    return peaks
 
 
 def _within_cell(a: Place, b: Place, T_a_centre: FloatArray) -> Pose2:
@@ -179,22 +176,18 @@ def _within_cell(a: Place, b: Place, T_a_centre: FloatArray) -> Pose2:
     return Pose2.from_array(pose)
 
 
-def rotations(a: FloatArray, b: FloatArray) -> list[FloatArray]:
-    """Groups of neighbouring whole degrees by which walls with the directions b (180) may be turned
-    to face as those with the directions a do; the likeliest first.
+def rotations(a: FloatArray, b: FloatArray) -> FloatArray:
+    """The whole degrees by which walls with the directions b (180) may be turned to face as those
+    with the directions a do.
 
-    Directions lack their sign, so each group is there twice, half a turn apart.
+    Directions lack their sign, so each is there twice, half a turn apart.
     """
     agreement = np.fft.irfft(np.fft.rfft(a) * np.conj(np.fft.rfft(b)), DIRECTION_BINS)
     good = agreement >= SAME_DIRECTIONS * agreement.max()
-    if good.all():
-        return [np.arange(360.0)]
-    start = int(np.flatnonzero(~good)[0])
-    around = np.arange(start, start + DIRECTION_BINS)
-    runs = np.split(around, np.flatnonzero(np.diff(good[around % DIRECTION_BINS])) + 1)
-    runs = [run for run in runs if good[run[0] % DIRECTION_BINS]]
-    runs.sort(key=lambda run: -float(agreement[run % DIRECTION_BINS].max()))
-    return [np.arange(run[0] - 1.0, run[-1] + 2.0) + half for run in runs for half in (0.0, 180.0)]
+    # And one to either side: the best of a range may lie beyond its last whole degree.
+    good |= np.roll(good, 1) | np.roll(good, -1)
+    degrees = np.flatnonzero(good)
+    return np.concatenate([degrees, degrees + DIRECTION_BINS]).astype(np.float64)
 
 
 def _cells(points: FloatArray, angles: FloatArray, middle: FloatArray) -> np.ndarray:
