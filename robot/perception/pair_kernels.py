@@ -84,6 +84,24 @@ def _across(returns, k, noise):
 
 
 @inlined
+def _leaning(returns, k, across):
+    """Variance (rad²) of a return's normal: that of a line through as many points, as far apart, as
+    it was fitted to, each with this variance across the line.
+
+    How many they were follows from the return's own σ; one at least on each side.
+    """
+    count = returns.shape[0]
+    before = k - 1 if k > 0 else count - 1
+    after = k + 1 if k + 1 < count else 0
+    dx = returns[after, 0] - returns[before, 0]
+    dy = returns[after, 1] - returns[before, 1]
+    spacing2 = 0.25 * (dx * dx + dy * dy)
+    m = across / (returns[k, 5] * returns[k, 5])
+    spread = max(m * (m * m - 1.0) / 12.0, 2.0) * spacing2
+    return across / spread if spread > across else 1.0
+
+
+@inlined
 def _sector(x, y, first):
     """Which sector a bearing falls into, counted from the first return's."""
     turn = (math.atan2(y, x) - first) % (2.0 * math.pi)
@@ -144,22 +162,28 @@ def _offset(target, links, rays, i, x, y):
 
 
 @kernel
-def match_pair(target, links, source, noise, reach, max_iterations, tolerance, pose, information):
+def match_pair(
+    target, links, source, noise, reach, max_iterations, tolerance, pose, information, imagined
+):
     """Move `pose` (T_target_source) until the source's returns lie on the target's surfaces;
     (share of the returns with a normal that do, iterations, converged).
 
     Gauss-Newton on distances to the line through the nearest returns, each by the inverse of both
     scans' variance across the surface. `reach` (m) is added to what may be off at first, and halved
-    to nothing. `information` (3×3) is in the tangent space at the pose.
+    to nothing. `information` (3×3) is in the tangent space at the pose. A normal that leans by an
+    angle ε of noise adds E[ε²] g gᵀ to it, g being how h = (n, p × n) turns with the normal;
+    `imagined` (3×3) takes the sum of that.
     """
     count = target.shape[0]
     rays = np.empty((count, 2))
     there = np.empty(count)
+    leaning = np.empty(count)
     for i in range(count):
         r = math.sqrt(target[i, 0] ** 2 + target[i, 1] ** 2)
         rays[i, 0] = target[i, 0] / r
         rays[i, 1] = target[i, 1] / r
         there[i] = _across(target, i, noise)
+        leaning[i] = _leaning(target, i, there[i])
     first = math.atan2(target[0, 1], target[0, 0])
     starts = np.zeros(SECTORS, dtype=np.int64)
     for i in range(count):
@@ -180,6 +204,7 @@ def match_pair(target, links, source, noise, reach, max_iterations, tolerance, p
         c = math.cos(pose[2])
         s = math.sin(pose[2])
         information[:, :] = 0.0
+        imagined[:, :] = 0.0
         gradient[:] = 0.0
         seen = 0
         used = 0
@@ -215,9 +240,20 @@ def match_pair(target, links, source, noise, reach, max_iterations, tolerance, p
             information[1, 1] += weight * ny * ny
             information[1, 2] += weight * ny * lever
             information[2, 2] += weight * lever * lever
-        information[1, 0] = information[0, 1]
-        information[2, 0] = information[0, 2]
-        information[2, 1] = information[1, 2]
+            if reach > 0.0:
+                continue
+            weight *= leaning[i]
+            lever = nx * x + ny * y
+            imagined[0, 0] += weight * ny * ny
+            imagined[0, 1] -= weight * ny * nx
+            imagined[0, 2] -= weight * ny * lever
+            imagined[1, 1] += weight * nx * nx
+            imagined[1, 2] += weight * nx * lever
+            imagined[2, 2] += weight * lever * lever
+        for row in range(1, 3):
+            for column in range(row):
+                information[row, column] = information[column, row]
+                imagined[row, column] = imagined[column, row]
         share = used / seen if seen > 0 else 0.0
         if not solve3(information, gradient, step):
             return share, iterations, False
