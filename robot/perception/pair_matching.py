@@ -62,8 +62,8 @@ def match_pair(
         return PairMatch(guess, np.zeros((3, 3)), 0.0, 0, False)
     pose = guess.to_array()
     pose[2] += pair_kernels.turn_between(target.values, source.values, guess.theta, reach_rad)
-    information, imagined = np.zeros((3, 3)), np.zeros((3, 3))
-    share, iterations, converged = pair_kernels.match_pair(
+    information = np.zeros((3, 3))
+    share, iterations, converged, held = pair_kernels.match_pair(
         target.values,
         target.links,
         source.values,
@@ -73,12 +73,11 @@ def match_pair(
         TOLERANCE,
         pose,
         information,
-        imagined,
     )
     pose[2] = math.remainder(pose[2], 2.0 * math.pi)
     return PairMatch(
         Pose2.from_array(pose),
-        _positive(information - imagined),
+        information if held else _positive(information),
         float(share),
         int(iterations),
         bool(converged),
