@@ -24,7 +24,7 @@ BEARINGS = np.cumsum(np.random.default_rng(3).uniform(4.0, 14.0, 34))
 
 def seen(heading: float, range_m: float = 3.0) -> Returns:
     """The pillars, and nothing between them, after a turn on the spot."""
-    angles = -math.pi + STEP * np.arange(BEAMS)
+    angles = -math.pi + STEP * np.arange(BEAMS, dtype=np.float64)
     ranges = np.full(BEAMS, np.inf)
     for bearing in np.radians(BEARINGS):
         off = (angles + heading - bearing + math.pi) % math.tau - math.pi
