@@ -18,7 +18,7 @@ import numpy.typing as npt
 from maps.pixels import write_whole
 from protocol.errors import EarshotError
 from protocol.pose import FloatArray, wrap_angles
-from robot.slam import kernels
+from robot.slam import chain_kernels
 from robot.slam.normal_equations import floats, integers
 
 TUM_FIELDS = "stamp tx ty tz qx qy qz qw"
@@ -185,7 +185,7 @@ def chained(
     nodes = np.empty((count, 3))
     if count:
         origin = np.zeros(3) if first is None else np.array(first, dtype=np.float64)
-        kernels.chain(integers(edge_nodes).reshape(-1, 2), floats(measured), origin, nodes)
+        chain_kernels.chain(integers(edge_nodes).reshape(-1, 2), floats(measured), origin, nodes)
     return nodes
 
 

@@ -9,10 +9,11 @@ localization", 2007, and "... for pose tracking", 2009) follows from the surface
 of range noise σ that meets a surface at an angle β tells the pose along the normal n with σ cos β:
 I = Σ h hᵀ / (σ cos β)², h = (n, p × n). Both scans are noisy: C = I_b⁻¹ + Ad I_a⁻¹ Adᵀ, with
 normals from scans without noise. A pair whose bound leaves more than `DEGENERATE_M` in some
-direction is listed apart, with how many of those the matcher flags by its own covariance; the
-others succeed when they end within 0.1 m and 2°. RMSE is over those that succeed, as a multiple of
-the bound's; NEES is by the covariance that the matcher gives. Times are of one thread, from ranges
-(for the peer: points) to the pose.
+direction is degenerate and listed apart, with how many of those, and of the others, the matcher
+flags by its own covariance; the others succeed when they end within 0.1 m and 2°. RMSE is over
+those that succeed, as a multiple of the bound's; NEES is by the covariance that the matcher gives.
+`unflagged_success` knows no bound: the share that ends as near of all pairs that are not flagged.
+Times are of one thread, from ranges (for the peer: points) to the pose.
 """
 
 import importlib.util
@@ -200,7 +201,8 @@ class Tally:
         flagged = np.array([match.sigma_m > DEGENERATE_M for match in self._matches])
         held = np.array([np.linalg.eigvalsh(C[:2, :2])[-1] <= DEGENERATE_M**2 for C in bounds])
         near = np.hypot(errors[:, 0], errors[:, 1]) < SUCCESS_M
-        good = held & near & (np.abs(errors[:, 2]) < SUCCESS_RAD)
+        right = near & (np.abs(errors[:, 2]) < SUCCESS_RAD)
+        good = held & right
         e, C = errors[good], bounds[good]
         information = np.array([match.information for match in self._matches])[good]
         far, turn = (e[:, :2] ** 2).sum(axis=1).mean(), (e[:, 2] ** 2).mean()
@@ -214,6 +216,7 @@ class Tally:
             "degenerate": int((~held).sum()),
             "degenerate_flagged": int((~held & flagged).sum()),
             "others_flagged": int((held & flagged).sum()),
+            "unflagged_success": float((right & ~flagged).sum() / max((~flagged).sum(), 1)),
             "ms_median": 1e3 * float(np.median(self._seconds)),
             "ms_least": 1e3 * min(self._seconds),
         }
@@ -248,8 +251,8 @@ def main(argv: list[str] | None = None) -> int:
     measure(arguments.map, 1, 0, methods)  # loads the kernels
     figures = measure(arguments.map, arguments.pairs, arguments.seed, methods)
     for method in methods.keys() - {"earshot"}:  # a peer has no covariance of its own
-        del figures[f"{method}_nees_per_dof"], figures[f"{method}_degenerate_flagged"]
-        del figures[f"{method}_others_flagged"]
+        for figure in ("nees_per_dof", "degenerate_flagged", "others_flagged", "unflagged_success"):
+            del figures[f"{method}_{figure}"]
     print_figures(figures)
     write_figures(figures, arguments.json)
     return 0

@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from protocol.kernel import inlined, kernel
+from protocol.pose_kernels import apply_inverse, compose, exp, wrap
 from robot.perception.field_kernels import expected, look_up
 
 # A Gauss-Newton step is made longer by at most this.
@@ -116,32 +117,18 @@ def solve3(A, b, out):
 @inlined
 def _move(pose, tangent, out):
     """out = pose ∘ Exp(tangent)"""
-    theta = tangent[2]
-    if abs(theta) < 1e-6:
-        a = 1.0 - theta * theta / 6.0
-        b = 0.5 * theta
-    else:
-        a = math.sin(theta) / theta
-        b = (1.0 - math.cos(theta)) / theta
-    x = a * tangent[0] - b * tangent[1]
-    y = b * tangent[0] + a * tangent[1]
-    c = math.cos(pose[2])
-    s = math.sin(pose[2])
-    out[0] = pose[0] + c * x - s * y
-    out[1] = pose[1] + s * x + c * y
-    out[2] = (pose[2] + theta + math.pi) % (2.0 * math.pi) - math.pi
+    exp(tangent, out)
+    compose(pose, out, out)
+    out[2] = wrap(out[2])
 
 
 @inlined
 def _prior_offset(prior, pose, out):
     """out = (prior⁻¹ ∘ pose) in the body frame of the pose: what the prior disagrees by."""
-    c = math.cos(pose[2])
-    s = math.sin(pose[2])
-    dx = pose[0] - prior[0]
-    dy = pose[1] - prior[1]
-    out[0] = c * dx + s * dy
-    out[1] = -s * dx + c * dy
-    out[2] = (pose[2] - prior[2] + math.pi) % (2.0 * math.pi) - math.pi
+    x, y = apply_inverse(pose, prior[0], prior[1])
+    out[0] = -x
+    out[1] = -y
+    out[2] = wrap(pose[2] - prior[2])
 
 
 @kernel

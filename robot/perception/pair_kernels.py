@@ -54,17 +54,18 @@ def turn_between(target, source, guess, window):
     here = np.empty(BINS)
     _count_directions(target, 0.0, there)
     _count_directions(source, guess, here)
-    blurred = np.zeros(BINS)
-    for i in range(BINS):
+    half = min(int(math.ceil(window / (2.0 * math.pi) * BINS)), BINS // 2)
+    # Bins before the first and after the last, as far as the window goes, save remainders.
+    blurred = np.zeros(BINS + 2 * half)
+    for i in range(BINS + 2 * half):
         for d in range(1 - BLUR, BLUR):
-            blurred[i] += there[(i + d) % BINS] * (BLUR - abs(d))
-    half = int(math.ceil(window / (2.0 * math.pi) * BINS))
+            blurred[i] += there[(i - half + d) % BINS] * (BLUR - abs(d))
     best = -1.0
     turn = 0
     for offset in range(-half, half + 1):
         agreed = 0.0
         for i in range(BINS):
-            agreed += here[i] * blurred[(i + offset) % BINS]
+            agreed += here[i] * blurred[i + offset + half]
         if agreed > best:
             best = agreed
             turn = offset
@@ -81,6 +82,24 @@ def _across(returns, k, noise):
     facing2 = (x * returns[k, 2] + y * returns[k, 3]) ** 2 / r2
     sigma = noise[0] + noise[1] * r
     return (sigma * sigma + noise[2] * r) * facing2 + r2 * noise[3] ** 2 * (1.0 - facing2)
+
+
+@inlined
+def _leaning(returns, k, across):
+    """Variance (rad²) of a return's normal: that of a line through as many points, as far apart, as
+    it was fitted to, each with this variance across the line.
+
+    How many they were follows from the return's own σ; one at least on each side.
+    """
+    count = returns.shape[0]
+    before = k - 1 if k > 0 else count - 1
+    after = k + 1 if k + 1 < count else 0
+    dx = returns[after, 0] - returns[before, 0]
+    dy = returns[after, 1] - returns[before, 1]
+    spacing2 = 0.25 * (dx * dx + dy * dy)
+    m = across / (returns[k, 5] * returns[k, 5])
+    spread = max(m * (m * m - 1.0) / 12.0, 2.0) * spacing2
+    return across / spread if spread > across else 1.0
 
 
 @inlined
@@ -143,23 +162,41 @@ def _offset(target, links, rays, i, x, y):
     return dx * nx + dy * ny, abs(dy * nx - dx * ny)
 
 
+@inlined
+def _add_square(matrix, weight, x, y, turn):
+    """Add weight · h hᵀ for h = (x, y, turn)."""
+    matrix[0, 0] += weight * x * x
+    matrix[0, 1] += weight * x * y
+    matrix[0, 2] += weight * x * turn
+    matrix[1, 1] += weight * y * y
+    matrix[1, 2] += weight * y * turn
+    matrix[2, 2] += weight * turn * turn
+    matrix[1, 0] = matrix[0, 1]
+    matrix[2, 0] = matrix[0, 2]
+    matrix[2, 1] = matrix[1, 2]
+
+
 @kernel
 def match_pair(target, links, source, noise, reach, max_iterations, tolerance, pose, information):
     """Move `pose` (T_target_source) until the source's returns lie on the target's surfaces;
-    (share of the returns with a normal that do, iterations, converged).
+    (share of the returns with a normal that do, iterations, converged, held).
 
     Gauss-Newton on distances to the line through the nearest returns, each by the inverse of both
     scans' variance across the surface. `reach` (m) is added to what may be off at first, and halved
-    to nothing. `information` (3×3) is in the tangent space at the pose.
+    to nothing. `information` (3×3) is in the tangent space at the pose. A normal that leans by an
+    angle ε of noise would add E[ε²] g gᵀ to it, g being how h = (n, p × n) turns with the normal;
+    that is taken off, and where it leaves nothing of some direction the pose is not `held`.
     """
     count = target.shape[0]
     rays = np.empty((count, 2))
     there = np.empty(count)
+    leaning = np.empty(count)
     for i in range(count):
         r = math.sqrt(target[i, 0] ** 2 + target[i, 1] ** 2)
         rays[i, 0] = target[i, 0] / r
         rays[i, 1] = target[i, 1] / r
         there[i] = _across(target, i, noise)
+        leaning[i] = _leaning(target, i, there[i])
     first = math.atan2(target[0, 1], target[0, 0])
     starts = np.zeros(SECTORS, dtype=np.int64)
     for i in range(count):
@@ -171,6 +208,8 @@ def match_pair(target, links, source, noise, reach, max_iterations, tolerance, p
         here[k] = _across(source, k, noise)
     gradient = np.empty(3)
     step = np.empty(3)
+    imagined = np.empty((3, 3))
+    converged = False
     share = 0.0
     iterations = 0
     rounds = 0
@@ -180,6 +219,7 @@ def match_pair(target, links, source, noise, reach, max_iterations, tolerance, p
         c = math.cos(pose[2])
         s = math.sin(pose[2])
         information[:, :] = 0.0
+        imagined[:, :] = 0.0
         gradient[:] = 0.0
         seen = 0
         used = 0
@@ -209,27 +249,23 @@ def match_pair(target, links, source, noise, reach, max_iterations, tolerance, p
             gradient[0] -= weight * off * nx
             gradient[1] -= weight * off * ny
             gradient[2] -= weight * off * lever
-            information[0, 0] += weight * nx * nx
-            information[0, 1] += weight * nx * ny
-            information[0, 2] += weight * nx * lever
-            information[1, 1] += weight * ny * ny
-            information[1, 2] += weight * ny * lever
-            information[2, 2] += weight * lever * lever
-        information[1, 0] = information[0, 1]
-        information[2, 0] = information[0, 2]
-        information[2, 1] = information[1, 2]
+            _add_square(information, weight, nx, ny, lever)
+            if reach == 0.0:
+                _add_square(imagined, weight * leaning[i], -ny, nx, nx * x + ny * y)
         share = used / seen if seen > 0 else 0.0
         if not solve3(information, gradient, step):
-            return share, iterations, False
+            break
         pose[0] += c * step[0] - s * step[1]
         pose[1] += s * step[0] + c * step[1]
         pose[2] += step[2]
         moved = max(math.sqrt(step[0] ** 2 + step[1] ** 2), abs(step[2]))
-        if reach == 0.0 and moved < tolerance:
-            return share, iterations, True
+        converged = reach == 0.0 and moved < tolerance
+        if converged:
+            break
         if moved < 0.3 * reach or rounds >= MAX_ROUNDS_PER_REACH:
             rounds = 0
             reach *= 0.5
             if reach < LEAST_REACH_M:
                 reach = 0.0
-    return share, iterations, False
+    information -= imagined
+    return share, iterations, converged, solve3(information, gradient, step)

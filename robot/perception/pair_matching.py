@@ -17,11 +17,14 @@ from robot.perception.returns import Returns
 MAX_ITERATIONS = 30
 TOLERANCE = 5e-4  # m and rad
 MIN_RETURNS = 12
+# Information below this is none (1/m² and 1/rad²).
+NO_INFORMATION = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
 class PairMatch:
-    """`T_target_source`, with information (3×3, tangent space there) by the noise of both scans.
+    """`T_target_source`, with information (3×3, tangent space there) by the noise of both scans:
+    what their surfaces say beyond what the noise of normals would say of a wall without an end.
 
     `share` is that of the source's returns on surfaces that lie on the target's; `converged` is
     False where the surfaces in common do not hold the pose or too few returns were there.
@@ -36,12 +39,11 @@ class PairMatch:
     @property
     def sigma_m(self) -> float:
         """σ of the position in the direction that is known worst; infinite if one is not at all."""
-        try:
-            covariance = np.linalg.inv(self.information)
-        except np.linalg.LinAlgError:
+        values, vectors = np.linalg.eigh(self.information)
+        if values[0] < NO_INFORMATION:
             return math.inf
-        worst = float(np.linalg.eigvalsh(covariance[:2, :2])[-1])
-        return math.sqrt(worst) if worst > 0.0 else math.inf
+        covariance = (vectors / values) @ vectors.T
+        return math.sqrt(float(np.linalg.eigvalsh(covariance[:2, :2])[-1]))
 
 
 def match_pair(
@@ -61,7 +63,7 @@ def match_pair(
     pose = guess.to_array()
     pose[2] += pair_kernels.turn_between(target.values, source.values, guess.theta, reach_rad)
     information = np.zeros((3, 3))
-    share, iterations, converged = pair_kernels.match_pair(
+    share, iterations, converged, held = pair_kernels.match_pair(
         target.values,
         target.links,
         source.values,
@@ -74,5 +76,15 @@ def match_pair(
     )
     pose[2] = math.remainder(pose[2], 2.0 * math.pi)
     return PairMatch(
-        Pose2.from_array(pose), information, float(share), int(iterations), bool(converged)
+        Pose2.from_array(pose),
+        information if held else _positive(information),
+        float(share),
+        int(iterations),
+        bool(converged),
     )
+
+
+def _positive(information: FloatArray) -> FloatArray:
+    """Without what is negative: noise may have made less of a direction than it mostly does."""
+    values, vectors = np.linalg.eigh(information)
+    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T, dtype=np.float64)

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from protocol.pose import FloatArray, compose, invert
-from robot.slam import consistency_kernels, kernels
+from robot.slam import chain_kernels, consistency_kernels
 from robot.slam.chordal import chordal_start
 from robot.slam.normal_equations import IntArray, NormalEquations, PoseGraphError, floats, integers
 from robot.slam.pose_graph import Solution, minimise, squared_errors
@@ -302,7 +302,7 @@ class _Search:
 def _check_held(
     count: int, sure_edges: npt.NDArray[np.integer], fixed: npt.NDArray[np.bool_]
 ) -> None:
-    labels = kernels.label_components(count, integers(sure_edges).reshape(-1, 2))
+    labels = chain_kernels.label_components(count, integers(sure_edges).reshape(-1, 2))
     loose = np.flatnonzero(~np.isin(labels, labels[fixed]))
     if len(loose):
         raise PoseGraphError(

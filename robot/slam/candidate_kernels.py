@@ -3,6 +3,7 @@
 import math
 
 from protocol.kernel import kernel
+from protocol.pose_kernels import apply_inverse
 
 
 @kernel
@@ -14,12 +15,7 @@ def distances(frames, here, circles, starts, ways, reach, out):
     """
     for i in range(frames.shape[0]):
         out[i] = math.inf
-        c = math.cos(frames[i, 2])
-        s = math.sin(frames[i, 2])
-        dx = here[0] - frames[i, 0]
-        dy = here[1] - frames[i, 1]
-        x = c * dx + s * dy
-        y = -s * dx + c * dy
+        x, y = apply_inverse(frames[i], here[0], here[1])
         apart = math.sqrt((x - circles[i, 0]) ** 2 + (y - circles[i, 1]) ** 2)
         if apart - circles[i, 2] > reach:
             continue

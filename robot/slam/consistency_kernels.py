@@ -5,30 +5,7 @@ import math
 import numpy as np
 
 from protocol.kernel import inlined, kernel
-
-
-@inlined
-def _between(a, b, out):
-    """out = a⁻¹ ∘ b"""
-    c = math.cos(a[2])
-    s = math.sin(a[2])
-    dx = b[0] - a[0]
-    dy = b[1] - a[1]
-    out[0] = c * dx + s * dy
-    out[1] = -s * dx + c * dy
-    out[2] = b[2] - a[2]
-
-
-@inlined
-def _then(a, b, out):
-    """out = a ∘ b"""
-    c = math.cos(a[2])
-    s = math.sin(a[2])
-    x = a[0] + c * b[0] - s * b[1]
-    y = a[1] + s * b[0] + c * b[1]
-    out[2] = a[2] + b[2]
-    out[0] = x
-    out[1] = y
+from protocol.pose_kernels import between, compose, wrap
 
 
 @inlined
@@ -119,12 +96,12 @@ def vote(ends, measurements, covariances, chain, drift, broken, window, gate, ro
             if broken[ia] != broken[ib] or broken[ja] != broken[jb]:
                 continue
             # From i_b along the odometry to i_a, through closure a, along to j_b; against b.
-            _between(chain[ib], chain[ia], a_way)
-            _between(chain[ja], chain[jb], b_way)
-            _then(measurements[a], b_way, there)
-            _then(a_way, there, back)
-            _between(measurements[b], back, e)
-            e[2] = (e[2] + math.pi) % (2.0 * math.pi) - math.pi
+            between(chain[ib], chain[ia], a_way)
+            between(chain[ja], chain[jb], b_way)
+            compose(measurements[a], b_way, there)
+            compose(a_way, there, back)
+            between(measurements[b], back, e)
+            e[2] = wrap(e[2])
             C[:, :] = covariances[b]
             _add_carried(b_way[0], b_way[1], b_way[2], covariances[a], 1.0, C)
             later = max(ja, jb)
@@ -133,7 +110,7 @@ def vote(ends, measurements, covariances, chain, drift, broken, window, gate, ro
             _add_carried(x, y, theta, drift[later], 1.0, C)
             _add_carried(x, y, theta, drift[sooner], -1.0, C)
             # Odometry between i_b and i_a, carried on to j_b: first to i_a, then through `there`.
-            _then(chain[ia], there, back)
+            compose(chain[ia], there, back)
             later = max(ia, ib)
             sooner = min(ia, ib)
             _add_carried(back[0], back[1], back[2], drift[later], 1.0, C)

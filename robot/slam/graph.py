@@ -24,6 +24,7 @@ from robot.slam.config import GraphSlamConfig, RevisitConfig
 from robot.slam.engine import Anchor, Closure, Entry, Estimate, GraphSnapshot, Keyframe
 from robot.slam.front_end import FrontEnd, Progress
 from robot.slam.gaussian import carry
+from robot.slam.kept_places import KeptPlaces
 from robot.slam.loop_closure import Candidate, Query, Verdict, examine
 from robot.slam.packed_submap import PackedSubmap
 from robot.slam.trajectory import RelativeTrajectory
@@ -67,7 +68,7 @@ class GraphSlam:
         self._entries: list[Entry] = [Anchor(0, start, START_INFORMATION)]
         self._keyframes = 0
         self._last_keyframe: Pose2 | None = None
-        self._kept: dict[tuple[int, int, int], int] = {}
+        self._kept = KeptPlaces(self._sees_all_round)
         self._explored = False
         self.loop_closures = 0
         self.refusals: dict[str, int] = {}
@@ -185,7 +186,7 @@ class GraphSlam:
         if seen or self._settle(progress.returns):
             return
         if self._explored:
-            self._forget_places()
+            self._kept.forget(self._here(), self._revisits)
         anchor = self._front_end.depart(progress.returns)
         self._graph.add_anchor(anchor.of, anchor.T_of_anchor, anchor.information)
         # In the journal an anchor follows the one before it; what holds this one is a closure.
@@ -247,29 +248,10 @@ class GraphSlam:
         self._keyframes += 1
 
     def _is_wanted(self, pose: Pose2) -> bool:
-        """Whether few keyframes show this place from this side; counts one more if so.
-
-        A scan that sees all round is one for every heading."""
+        """Whether few keyframes show this place from this side; counts one more if so."""
         if self._explored and self._front_end.current.finished:
             return False
-        config = self._revisits
-        side, enough = math.floor(pose.theta / config.place_rad), config.enough_keyframes
-        if self._sees_all_round:
-            side, enough = 0, math.ceil(enough * config.place_rad / (2.0 * math.pi))
-        place = (math.floor(pose.x / config.place_m), math.floor(pose.y / config.place_m), side)
-        kept = self._kept.get(place, 0)
-        self._kept[place] = max(kept, min(kept + 1, enough))
-        return kept < enough
-
-    def _forget_places(self) -> None:
-        """What was kept of the places around here does not show what is there now."""
-        here, config = self._here(), self._revisits
-        self._kept = {
-            place: kept
-            for place, kept in self._kept.items()
-            if math.hypot(place[0] * config.place_m - here.x, place[1] * config.place_m - here.y)
-            > config.near_m
-        }
+        return self._kept.take(pose, self._revisits)
 
     def _estimate(self) -> Estimate:
         front_end = self._front_end

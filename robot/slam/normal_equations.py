@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from protocol.errors import EarshotError
 from protocol.pose import FloatArray
-from robot.slam import kernels
+from robot.slam import chain_kernels, chordal_kernels, edge_kernels, normal_equation_kernels
 from robot.slam.block_cholesky import BlockCholesky
 
 IntArray = npt.NDArray[np.int64]
@@ -73,14 +73,16 @@ class NormalEquations:
     def squared_errors(self, nodes: FloatArray) -> FloatArray:
         """eᵀΩe (k)."""
         out = np.empty(len(self.edge_nodes))
-        kernels.squared_errors(nodes, self.edge_nodes, self.measurements, self.information, out)
+        edge_kernels.squared_errors(
+            nodes, self.edge_nodes, self.measurements, self.information, out
+        )
         return out
 
     def linearise(self, nodes: FloatArray) -> float:
         """Take the normal equations at these nodes. The cost there: Σ eᵀΩe by weight, robust edges
         by their kernel."""
         return float(
-            kernels.linearise(
+            normal_equation_kernels.linearise(
                 nodes,
                 self.edge_nodes,
                 self.measurements,
@@ -98,12 +100,12 @@ class NormalEquations:
 
     def linearise_headings(self, nodes: FloatArray) -> None:
         """Those of the headings as complex numbers of any length (see `chordal`)."""
-        kernels.linearise_headings(nodes, *self._arrays())
+        chordal_kernels.linearise_headings(nodes, *self._arrays())
 
     def place(self, nodes: FloatArray) -> FloatArray:
         """The nodes with the positions that suit their headings best; as they are where the
         positions are not determined. Edges count by weight, without a kernel."""
-        kernels.linearise_positions(nodes, *self._arrays())
+        chordal_kernels.linearise_positions(nodes, *self._arrays())
         positions = self.solve()
         placed = nodes.copy()
         if positions is not None:
@@ -140,7 +142,7 @@ class NormalEquations:
         without the measurements' own; once factorised."""
         errors, covariances = np.empty((len(edge_nodes), 3)), np.empty((len(edge_nodes), 3, 3))
         starts, rows, factor, inverses, work = self._factor.factor
-        kernels.innovations(
+        normal_equation_kernels.innovations(
             nodes,
             edge_nodes,
             measurements,
@@ -158,7 +160,7 @@ class NormalEquations:
     def retract(self, nodes: FloatArray, step: FloatArray) -> FloatArray:
         """The nodes moved by a step (count×3)."""
         out = np.empty_like(nodes)
-        kernels.retract(nodes, self.blocks, step, out)
+        normal_equation_kernels.retract(nodes, self.blocks, step, out)
         return out
 
     def _arrays(self) -> tuple[npt.NDArray[np.generic], ...]:
@@ -193,7 +195,7 @@ class NormalEquations:
             raise PoseGraphError(f"an edge names a node outside 0…{m - 1}")
         if k and (self.edge_nodes[:, 0] == self.edge_nodes[:, 1]).any():
             raise PoseGraphError("an edge ties a node to itself")
-        labels = kernels.label_components(m, self.edge_nodes)
+        labels = chain_kernels.label_components(m, self.edge_nodes)
         held = np.zeros(m, dtype=bool)
         held[labels[np.asarray(fixed, dtype=bool)]] = True
         loose = np.flatnonzero(~held[labels])

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from protocol.pose import FloatArray
-from robot.slam import kernels
+from robot.slam import edge_kernels
 from robot.slam.normal_equations import NormalEquations, PoseGraphError, floats, integers
 
 MAX_ITERATIONS = 100
@@ -132,7 +132,7 @@ def squared_errors(
 ) -> FloatArray:
     """eᵀΩe (k) of every edge: how far each is from what the nodes say, in squared σ."""
     out = np.empty(len(edge_nodes))
-    kernels.squared_errors(
+    edge_kernels.squared_errors(
         floats(nodes), integers(edge_nodes), floats(measurements), floats(information), out
     )
     return out

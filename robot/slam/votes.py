@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from protocol.pose import FloatArray, invert
-from robot.slam import consistency_kernels, kernels
+from robot.slam import chain_kernels, consistency_kernels
 
 # Closures whose ends are farther apart in steps than this are not compared.
 WINDOW = 20
@@ -37,7 +37,7 @@ def vote(
     step_edges = np.full(len(nodes), -1, dtype=np.int64)
     step_edges[ends[steps, 1]] = steps
     chain = np.empty((len(nodes), 3))
-    kernels.chain(ends[steps], measured[steps], nodes[0].copy(), chain)
+    chain_kernels.chain(ends[steps], measured[steps], nodes[0].copy(), chain)
     chain = np.where(np.isnan(chain), nodes, chain)
     drift, broken = np.zeros((len(nodes), 3, 3)), np.zeros(len(nodes), dtype=np.int64)
     consistency_kernels.gather_drift(chain, step_edges, covariance, drift, broken)

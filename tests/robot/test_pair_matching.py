@@ -7,7 +7,7 @@ import pytest
 
 from protocol.config import LidarConfig
 from protocol.pose import FloatArray, Pose2
-from robot.perception.pair_matching import match_pair
+from robot.perception.pair_matching import PairMatch, match_pair
 from robot.perception.returns import Returns, describe_returns, noise_model
 from robot.perception.scan import LaserScan, beam_angles
 
@@ -56,17 +56,33 @@ def test_a_room_is_recognised_from_a_wrong_guess(seed: int) -> None:
     assert match.sigma_m < 0.01
 
 
-@pytest.mark.xfail(
-    strict=True, reason="noisy normals of walls seen at flat angles pass for walls across"
-)
-def test_a_corridor_is_flagged() -> None:
-    match = match_pair(
-        seen(CORRIDOR, Pose2(0.0, 0.0, 0.1), 1),
-        seen(CORRIDOR, Pose2(0.3, 0.1, 0.0), 2),
+def along(walls: tuple[tuple[float, float, float], ...], seed: int) -> PairMatch:
+    """Two scans of a corridor, 0.3 m apart."""
+    return match_pair(
+        seen(walls, Pose2(0.0, 0.0, 0.1), 2 * seed),
+        seen(walls, Pose2(0.3, 0.1, 0.0), 2 * seed + 1),
         Pose2(0.2, 0.1, -0.1),
         NOISE,
     )
-    assert match.sigma_m > 0.05
+
+
+@pytest.mark.parametrize("width", [1.0, 2.5])
+def test_a_corridor_is_flagged(width: float) -> None:
+    walls = ((0.0, 1.0, width), (0.0, -1.0, width))
+    matches = [along(walls, seed) for seed in range(40)]
+    assert np.mean([match.sigma_m > 0.05 for match in matches]) > 0.85
+    for match in matches:  # what the noise of normals says is taken off, and no more than there is
+        assert np.linalg.eigvalsh(match.information)[0] > -1e-6
+
+
+def test_a_corridor_with_an_end_is_not_flagged() -> None:
+    matches = [along((*CORRIDOR, (1.0, 0.0, 5.0)), seed) for seed in range(40)]
+    truth = Pose2(0.0, 0.0, 0.1).inverse() @ Pose2(0.3, 0.1, 0.0)
+    errors = np.array([error(match.T_target_source, truth) for match in matches])
+    squared = [e @ match.information @ e for e, match in zip(errors, matches, strict=True)]
+    assert max(match.sigma_m for match in matches) < 0.05
+    assert np.abs(errors[:, :2]).max() < 0.1
+    assert 0.4 < np.mean(squared) / 3.0 < 1.6
 
 
 def test_too_few_returns_match_nothing() -> None:

@@ -26,8 +26,9 @@ pytestmark = [
 ]
 
 
-def replay(name: str, backwards: bool = False) -> Replay:
-    return play(read_log(DATA / "carmen" / f"{name}.clf"), ReplaySettings(reverse=backwards))
+def replay(name: str, backwards: bool = False, noise_m: float = 0.0) -> Replay:
+    settings = ReplaySettings(reverse=backwards, range_noise_m=noise_m, seed=1)
+    return play(read_log(DATA / "carmen" / f"{name}.clf"), settings)
 
 
 @pytest.mark.parametrize("backwards", [False, True])
@@ -35,21 +36,33 @@ def test_intel_relations(backwards: bool) -> None:
     relations = read_relations(DATA / "relations" / "intel.relations")
     errors = relation_errors(replay("intel-dense", backwards), relations, interpolate=False)
     assert errors.used == 1030
-    assert errors.translation_mean_m <= 0.018
+    assert errors.translation_mean_m <= (0.018 if backwards else 0.016)
     assert errors.rotation_mean_deg <= 0.25
 
 
 @pytest.mark.parametrize("backwards", [False, True])
 def test_synthetic_building(backwards: bool) -> None:
     truth = read_tum(DATA / "carmen" / "synth-361.truth.tum")
-    assert reference_errors(replay("synth-361", backwards), truth).ate_rmse_m <= 0.013
+    assert reference_errors(replay("synth-361", backwards), truth).ate_rmse_m <= 0.006
 
 
-@pytest.mark.parametrize(("name", "limit_m"), [("mit-csail", 0.15), ("intel-910", 0.12)])
-def test_loops_of_other_logs_close(name: str, limit_m: float) -> None:
+@pytest.mark.parametrize(
+    ("name", "backwards", "noise_m", "limit_m"),
+    [
+        ("mit-csail", False, 0.0, 0.08),
+        ("mit-csail", False, 0.01, 0.12),
+        ("mit-csail", True, 0.0, 0.12),
+        ("mit-csail", True, 0.01, 0.15),  # was 0.83: a turn ended on a lesser peak
+        ("intel-910", False, 0.0, 0.12),
+        ("intel-910", True, 0.0, 0.12),
+    ],
+)
+def test_loops_of_other_logs_close(
+    name: str, backwards: bool, noise_m: float, limit_m: float
+) -> None:
     """Against the poses of another SLAM system: agreement, not truth."""
     reference = read_tum(DATA / "carmen" / f"{name}.reference.tum")
-    errors = reference_errors(replay(name), reference)
+    errors = reference_errors(replay(name, backwards, noise_m), reference)
     assert errors.used > 300
     assert errors.ate_rmse_m <= limit_m
 
