@@ -1,4 +1,4 @@
-"""Who shares a map with whom now, by the robots' own word, and where each one's frame lies.
+"""Who shares a map with whom now, by the robots' own word.
 
 Robots that were not told where they start think in frames of their own. What the operator sees
 follows that: two robots are in one group when both say that their maps are aligned, and what is not
@@ -8,10 +8,8 @@ in one group is never drawn as one map.
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-import numpy as np
-
 from protocol.messages import Report
-from protocol.pose import IDENTITY, Pose2
+from protocol.pose import Pose2
 from station.observer import RunOutcome
 from station.report_tracks import matched
 from world.accuracy import align_frames
@@ -66,20 +64,6 @@ def groups_of(simulation: Simulation, reports: Mapping[str, Report]) -> tuple[Gr
             joined = tuple(name for name in names if name in groups[pair.a] + groups[pair.b])
             groups.update(dict.fromkeys(joined, joined))
     return tuple(sorted(dict.fromkeys(groups.values()), key=lambda group: -len(group)))
-
-
-def frame_of(simulation: Simulation, name: str) -> Pose2:
-    """`T_world_frame` of what a robot reports: where it began its present life, if it was not told,
-    or is back after its death."""
-    scenario, number = simulation.scenario, simulation.names.index(name)
-    present = simulation.history.present[:, number]
-    missing = np.flatnonzero(~present)
-    if len(missing):
-        back = min(int(missing[-1]) + 1, len(present) - 1)
-        return Pose2.from_array(simulation.history.poses[back, number])
-    if scenario.starts == "known":
-        return IDENTITY
-    return Pose2.from_array(simulation.starts[number if scenario.starts == "unknown" else 0])
 
 
 def standing_of(group: Group, simulation: Simulation, reports: Mapping[str, Report]) -> str:

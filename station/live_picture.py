@@ -16,11 +16,12 @@ from maps.grid import OccupancyGrid
 from maps.pixels import write_whole
 from protocol.messages import MapReply, Report
 from protocol.pose import FloatArray, Pose2
-from station.live_groups import final_frames, final_groups, frame_of, groups_of, standing_of
+from station.live_groups import final_frames, final_groups, groups_of, standing_of
 from station.live_panel import Image, Panel, with_head
 from station.live_status import grid_of
 from station.observer import RunOutcome
 from station.wording import clock_time, describe
+from world.frames import frame_of
 from world.simulation import Simulation
 
 REDRAW_S = 1.0

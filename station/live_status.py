@@ -11,8 +11,9 @@ import numpy as np
 from maps.grid import OccupancyGrid
 from protocol.messages import GridPatch, MapReply, Report
 from protocol.pose import FloatArray, Pose2
-from station.live_groups import PairStatus, final_frames, frame_of, pairs_of
+from station.live_groups import PairStatus, final_frames, pairs_of
 from station.observer import RunOutcome
+from world.frames import frame_of
 from world.referee import Referee
 from world.simulation import Simulation
 

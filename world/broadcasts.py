@@ -8,7 +8,9 @@ from collections.abc import Mapping
 
 from protocol.bus import Bus
 from protocol.messages import FrameCount, GridPatch, LiveRadio, LiveScore, MapReply, Report, Truth
+from protocol.pose import Pose2
 from protocol.topics import RADIO, SCORE, TRUTH
+from world.frames import frame_of
 from world.ledger import DROPPED, Counts
 from world.reception import Watcher
 from world.referee import Referee
@@ -26,6 +28,7 @@ class Broadcasts:
         self._watcher = watcher
         self._referee: Referee | None = None
         self._maps: dict[str, GridPatch] = {}
+        self._frames: dict[str, Pose2] = {}
         self._coverage: float | None = None
         self._next_stamp = 0.0
 
@@ -47,6 +50,7 @@ class Broadcasts:
     def mapped(self, robot: str, reply: MapReply) -> None:
         self._watcher.mapped(robot, reply)
         self._maps[robot] = reply.own
+        self._frames[robot] = frame_of(self._simulation, robot)
         self._coverage = None
 
     def _truth(self) -> Truth:
@@ -77,7 +81,7 @@ class Broadcasts:
         simulation = self._simulation
         if self._coverage is None and self._maps:
             self._referee = self._referee or Referee(simulation)
-            self._coverage = self._referee.coverage(self._maps)
+            self._coverage = self._referee.coverage(self._maps, self._frames)
         return LiveScore(
             tick=simulation.tick,
             stamp=simulation.stamp,

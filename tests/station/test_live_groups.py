@@ -10,10 +10,11 @@ from maps.grid import OccupancyGrid
 from protocol.config import PoseModel
 from protocol.messages import Action, Report, TeammateView
 from protocol.pose import Pose2
-from station.live_groups import frame_of, groups_of, pairs_of, standing_of
+from station.live_groups import groups_of, pairs_of, standing_of
 from station.live_panel import Panel, bgr
 from station.live_picture import LivePicture
 from station.pictures import WALL_COLOUR
+from world.frames import frame_of
 from world.scenario import RobotSpec, Scenario
 from world.simulation import Simulation
 

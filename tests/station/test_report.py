@@ -18,6 +18,7 @@ from station.report_metrics import Metrics, measure
 from station.report_tables import ledger_table, metrics_table
 from station.report_tracks import tracks_of
 from station.scenario_file import read_scenario
+from station.wording import readable_bytes
 
 
 @pytest.fixture(scope="module")
@@ -35,6 +36,17 @@ def test_the_folder_holds_what_its_readme_names(folder: Path) -> None:
             for file in line.split("`")[1].split(", "):
                 assert (folder / file.replace("ROBOT", "r1")).is_file(), file
     assert not list(folder.rglob(".*"))
+
+
+def test_the_readme_says_what_bytes_were_for(folder: Path) -> None:
+    readme, metrics = ((folder / name).read_text() for name in ("README.md", "metrics.json"))
+    radio = json.loads(metrics)["radio"]
+    live = radio["purposes"]["live"]
+    assert f"| live | {readable_bytes(live['bytes_delivered'])} | " in readme
+    together = f"| together | {readable_bytes(radio['bytes_delivered'])} | "
+    assert f"{together}{radio['bytes_per_metre']:.0f} B |" in readme
+    assert "| r1 → r2 | " in readme
+    assert "| r2 → r1 | " in readme
 
 
 def test_metrics_have_every_promised_key(folder: Path) -> None:
