@@ -38,7 +38,8 @@ class Place:
     """A stretch of travel. Poses are `T_place_…`; the frame of the place is that of `anchor`.
 
     `keyframes` (k×3) with their `scans`, `centre` (2,) their mean position, `field` what they saw,
-    `surfaces` the same as points, `landmarks` few of them, spread evenly, for a search.
+    `surfaces` the same as points, `landmarks` few of them, spread evenly, for a search;
+    `surroundings`: what was seen just before is drawn there too, with what the chain drifted.
     `directions` (180,): how much wall faces each direction, by degree, without the sign.
     """
 
@@ -48,6 +49,7 @@ class Place:
     scans: tuple[Returns, ...]
     centre: FloatArray
     field: CorrelationField
+    surroundings: CorrelationField
     surfaces: Returns
     landmarks: Returns
     directions: FloatArray
@@ -140,10 +142,12 @@ def make_place(log: LogGraph, stretch: Stretch, noise: FloatArray) -> Place:
         )
         for keyframe in log.keyframes[begin : stretch.end]
     )
-    field = CorrelationField.around(float(np.abs(poses[:, :2]).max()) + REACH_M)
-    for pose, scan in zip(poses, scans, strict=True):
-        field.draw(Pose2.from_array(pose), scan)
-    poses, scans = poses[stretch.first - begin :], scans[stretch.first - begin :]
+    surroundings = CorrelationField.around(float(np.abs(poses[:, :2]).max()) + REACH_M)
+    before = stretch.first - begin
+    _draw(surroundings, poses[before:], scans[before:])
+    field = surroundings.cropped()
+    _draw(surroundings, poses[:before], scans[:before])
+    poses, scans = poses[before:], scans[before:]
     extent = float(np.abs(poses[:, :2]).max()) + REACH_M
     surfaces = spread(_together(poses, scans, extent), MATCH_SPACING_M)
     landmarks = spread(surfaces, SEARCH_SPACING_M)
@@ -153,11 +157,17 @@ def make_place(log: LogGraph, stretch: Stretch, noise: FloatArray) -> Place:
         poses,
         scans,
         poses[:, :2].mean(axis=0),
-        field.cropped(),
+        field,
+        surroundings.cropped(),
         surfaces,
         landmarks.thinned(SEARCH_POINTS),
         _directions(surfaces),
     )
+
+
+def _draw(field: CorrelationField, poses: FloatArray, scans: tuple[Returns, ...]) -> None:
+    for pose, scan in zip(poses, scans, strict=True):
+        field.draw(Pose2.from_array(pose), scan)
 
 
 def _context(log: LogGraph, stretch: Stretch) -> int:

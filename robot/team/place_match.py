@@ -13,7 +13,7 @@ import numpy as np
 
 from protocol.pose import FloatArray, Pose2
 from robot.perception import search_kernels
-from robot.perception.field import RESOLUTION_M, SIGMA_M, Overlay
+from robot.perception.field import RESOLUTION_M, SIGMA_M, CorrelationField, Overlay
 from robot.perception.matching import match_returns
 from robot.perception.search import (
     MAX_NODES,
@@ -79,8 +79,8 @@ class _Peak:
 
 def make_pyramid(place: Place) -> Pyramid:
     """What searches in a place go through; worth keeping."""
-    extent_m = float(max(place.field.nodes.shape)) * RESOLUTION_M
-    return Pyramid.of(Blocks.of(place.field), extent_m)
+    extent_m = float(max(place.surroundings.nodes.shape)) * RESOLUTION_M
+    return Pyramid.of(Blocks.of(place.surroundings), extent_m)
 
 
 def find_place(a: Place, pyramid: Pyramid, b: Place) -> list[PlaceMatch]:
@@ -95,9 +95,15 @@ def find_place(a: Place, pyramid: Pyramid, b: Place) -> list[PlaceMatch]:
 def match_from(
     a: Place, b: Place, guess: Pose2, kind: Kind = Kind.NEAR, ambiguity: float = 0.0
 ) -> PlaceMatch:
-    """Climb from a guess of `T_a_b`, and gather the evidence."""
-    match = match_returns(a.field, b.surfaces, guess)
-    on_a, on_b = _lay_over(a, b, match.T_field_base), _lay_over(b, a, match.T_field_base.inverse())
+    """Climb from a guess of `T_a_b`, and gather the evidence.
+
+    A place that was searched for may lie in the surroundings of another; one that is known to be
+    near is matched without what these drifted.
+    """
+    on, onto = (a.field, b.field) if kind is Kind.NEAR else (a.surroundings, b.surroundings)
+    match = match_returns(on, b.surfaces, guess)
+    T_a_b = match.T_field_base
+    on_a, on_b = _lay_over(on, b, T_a_b), _lay_over(onto, a, T_a_b.inverse())
     covariance = invert_spd(match.information / CORRELATED + UNKNOWN) + MATCH_FLOOR
     return PlaceMatch(
         match.T_field_base,
@@ -113,11 +119,11 @@ def match_from(
     )
 
 
-def _lay_over(a: Place, b: Place, T_a_b: Pose2) -> Overlay:
-    """How the scans of place b lie on place a."""
+def _lay_over(a: CorrelationField, b: Place, T_a_b: Pose2) -> Overlay:
+    """How the scans of place b lie on what was drawn of place a."""
     total, weight = np.zeros(4), 0.0
     for pose, scan in zip(b.keyframes[::LAY_EVERY], b.scans[::LAY_EVERY], strict=True):
-        total += a.field.compare(T_a_b @ Pose2.from_array(pose), scan)
+        total += a.compare(T_a_b @ Pose2.from_array(pose), scan)
         weight += float(scan.values[:, 4].sum())
     return Overlay.of(total, weight)
 
@@ -129,14 +135,15 @@ def _search(a: Place, pyramid: Pyramid, b: Place) -> list[_Peak]:
         return []
     sigma2 = b.landmarks.values[:, 5] ** 2
     full = 255.0 * float((SIGMA_M / np.sqrt(SIGMA_M**2 + 2.0 * sigma2)).sum())
-    shape = np.array(a.field.nodes.shape)
-    middle = a.field.origin + 0.5 * RESOLUTION_M * shape[::-1]
+    field = a.surroundings
+    shape = np.array(field.nodes.shape)
+    middle = field.origin + 0.5 * RESOLUTION_M * shape[::-1]
     half_rows, half_columns = (shape // (2 * NODES_PER_CELL) + 1).tolist()
     degrees = rotations(a.directions, b.directions)
     angles = np.radians(degrees)
     first, second, _ = search_kernels.branch_and_bound(
         pyramid.levels,
-        _cells(b.landmarks.points - b.centre, angles, middle - a.field.origin),
+        _cells(b.landmarks.points - b.centre, angles, middle - field.origin),
         degrees,
         half_rows,
         half_columns,
@@ -163,8 +170,8 @@ def _within_cell(a: Place, b: Place, T_a_centre: FloatArray) -> Pose2:
     """The best pose between the nodes of the cell, and the degrees, that a search ended in."""
     pose = T_a_centre.copy()
     search_kernels.best_nearby(
-        a.field.nodes,
-        a.field.origin,
+        a.surroundings.nodes,
+        a.surroundings.origin,
         RESOLUTION_M,
         np.ascontiguousarray(b.landmarks.points - b.centre),
         T_a_centre,
