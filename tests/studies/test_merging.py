@@ -123,8 +123,10 @@ def test_the_usual_method_finds_a_map_in_itself() -> None:
         width = grid.cells.shape[1] * grid.resolution
         corner = found.T_a_b.apply(np.array([[3.0, -2.0]]))[0]
         assert abs(abs(found.T_a_b.theta) - math.pi / 2) < 0.02
-        sides = ([grid.origin_x, grid.origin_y + grid.cells.shape[0] * grid.resolution],)
-        sides += ([grid.origin_x + width, grid.origin_y],)
+        sides = (
+            [grid.origin_x, grid.origin_y + grid.cells.shape[0] * grid.resolution],
+            [grid.origin_x + width, grid.origin_y],
+        )
         assert min(float(np.hypot(*(corner - side))) for side in sides) < 0.3
     empty = OccupancyGrid(np.full((50, 50), -1, dtype=np.int8), 0.05, 0.0, 0.0)
     assert merge_by_features(grid, empty, "orb") is None
