@@ -10,9 +10,11 @@ from dataclasses import dataclass
 
 from protocol.messages import Report
 from protocol.pose import Pose2
+from robot.team.standing import TEAM_FRAME
 from station.observer import RunOutcome
 from station.report_tracks import matched
 from world.accuracy import align_frames
+from world.frames import was_told
 from world.simulation import Simulation
 
 Group = tuple[str, ...]
@@ -33,11 +35,15 @@ class PairStatus:
 
 
 def pairs_of(simulation: Simulation, reports: Mapping[str, Report]) -> tuple[PairStatus, ...]:
-    """Every pair in the scenario's order; none where all were told where they start."""
-    if simulation.scenario.starts != "unknown":
-        return ()
+    """Every pair in the scenario's order, but for those of robots that were told where they are."""
     names = simulation.names
-    return tuple(_pair(a, b, reports) for k, a in enumerate(names) for b in names[k + 1 :])
+    told = {name for name in names if was_told(simulation, name)}
+    return tuple(
+        _pair(a, b, reports)
+        for k, a in enumerate(names)
+        for b in names[k + 1 :]
+        if not {a, b} <= told
+    )
 
 
 def _pair(a: str, b: str, reports: Mapping[str, Report]) -> PairStatus:
@@ -54,11 +60,10 @@ def _word(of: str, other: str, reports: Mapping[str, Report]) -> tuple[str, str]
 
 
 def groups_of(simulation: Simulation, reports: Mapping[str, Report]) -> tuple[Group, ...]:
-    """The robots that share a map, largest group first; all of them where starts are known."""
+    """The robots that share a map, largest group first; who was told where it is shares one."""
     names = simulation.names
-    if simulation.scenario.starts != "unknown":
-        return (names,)
-    groups: dict[str, Group] = {name: (name,) for name in names}
+    told = tuple(name for name in names if was_told(simulation, name))
+    groups: dict[str, Group] = {name: told if name in told else (name,) for name in names}
     for pair in pairs_of(simulation, reports):
         if pair.state == ALIGNED and groups[pair.a] != groups[pair.b]:
             joined = tuple(name for name in names if name in groups[pair.a] + groups[pair.b])
@@ -88,10 +93,11 @@ def final_frames(outcome: RunOutcome) -> dict[str, Pose2]:
 
 
 def final_groups(outcome: RunOutcome) -> tuple[Group, ...]:
-    """The robots whose answers share a frame, largest group first, then who gave none."""
+    """The robots whose answers share a frame, largest group first. Who gave none is where it was
+    told to be, with the others that were, or alone."""
+    simulation, ways = outcome.simulation, matched(outcome)
     frames: dict[str, list[str]] = {}
-    for name, track in matched(outcome).items():
-        frames.setdefault(track.frame, []).append(name)
-    groups = sorted((tuple(names) for names in frames.values()), key=lambda group: -len(group))
-    silent = [name for name in outcome.simulation.names if not any(name in g for g in groups)]
-    return (*groups, *((name,) for name in silent))
+    for name in simulation.names:
+        silent = TEAM_FRAME if was_told(simulation, name) else name
+        frames.setdefault(ways[name].frame if name in ways else silent, []).append(name)
+    return tuple(sorted((tuple(names) for names in frames.values()), key=lambda group: -len(group)))

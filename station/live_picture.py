@@ -76,9 +76,9 @@ class LivePicture:
         for name, robot in outcome.robots.items():
             if robot.map is not None and name in frames:
                 self._take(name, robot.map, frames[name])
-        # Where they wanted to go no longer matters.
-        groups = final_groups(outcome)
-        self._draw(outcome.simulation, groups, {}, f"ended: {outcome.exit_reason}")
+        latest = {name: log.latest for name, log in outcome.reports.items() if log.latest}
+        remark = f"ended: {outcome.exit_reason}"
+        self._draw(outcome.simulation, final_groups(outcome), latest, remark)
 
     def _take(self, robot: str, reply: MapReply, T_world_map: Pose2) -> None:
         self._maps[robot] = (grid_of(reply.joint), T_world_map)
@@ -130,7 +130,9 @@ class LivePicture:
             trail = np.array([*self._trails[index], poses[index, :2]])
             panel.draw_robot(picture, index, name, poses[index], trail)
             report = reports.get(name)
-            if report is not None and len(report.path) > 1 and not report.finished:
+            # Once a run is over it no longer matters where they wanted to go.
+            arrived = simulation.done or (report is not None and report.finished)
+            if report is not None and len(report.path) > 1 and not arrived:
                 path = frame_of(simulation, name).apply(np.array(report.path))
                 panel.draw_path(picture, index, path)
         return picture

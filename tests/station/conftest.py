@@ -131,6 +131,7 @@ def make_trajectory_reply(simulation: Simulation, index: int) -> TrajectoryReply
         edge_nodes=np.stack([np.arange(edges), np.arange(edges) + 1], axis=1),
         edge_values=np.hstack([relative, np.tile([100.0, 0, 0, 100.0, 0, 900.0], (edges, 1))]),
         journal_digest="0" * 64,
+        frame="team",
         frames_sent=int(ledger.sent[index, 0]),
         bytes_sent=int(ledger.sent[index, 1]),
         frames_heard=int(ledger.heard[index, 0]),

@@ -109,13 +109,20 @@ def test_frames_lie_where_the_robots_began() -> None:
 
 
 def test_who_came_back_thinks_in_the_frame_of_where_it_stood() -> None:
-    world = simulation("known")
+    """And shares a map with those who were told where they are only when both say so."""
+    world, told = simulation("known"), Pose2(0.0, 0.0, 0.0)
     world.step({})
     for tick in range(3):
         world.mark_dead("r2") if tick == 1 else world.mark_alive("r2")
         world.step({name: Action(tick=world.tick) for name in world.alive})
+        if tick == 1:  # dead: what it said last was still in the frame that it was told
+            assert frame_of(world, "r2") == told
+            assert groups_of(world, {}) == (NAMES,)
     assert frame_of(world, "r2") == Pose2.from_array(world.poses[1])
-    assert frame_of(world, "r1") == Pose2(0.0, 0.0, 0.0)
+    assert frame_of(world, "r1") == told
+    assert groups_of(world, {}) == (("r1", "r3"), ("r2",))
+    aligned = {name: report(dict.fromkeys(NAMES, "aligned")) for name in NAMES}
+    assert groups_of(world, aligned) == (NAMES,)
 
 
 def test_a_map_in_a_turned_frame_falls_on_the_truth() -> None:
