@@ -19,7 +19,8 @@ from world.scenario import RobotSpec, Scenario
 def run() -> RunOutcome:
     """Two robots in small rooms, for long enough that they have seen most."""
     robots = (RobotSpec(name="r1"), RobotSpec(name="r2"))
-    return launch(Scenario(map="rooms-small", seed=3, robots=robots, max_sim_s=40.0), "inline")
+    scenario = Scenario(map="rooms-small", seed=3, robots=robots, max_sim_s=40.0, starts="known")
+    return launch(scenario, "inline")
 
 
 def write(outcome: RunOutcome, folder: Path) -> Path:

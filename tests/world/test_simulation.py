@@ -266,7 +266,8 @@ def test_what_a_shell_must_not_do_is_refused() -> None:
 
 
 def test_a_robot_is_told_who_it_is() -> None:
-    simulation = Simulation(scenario(3, radio=GateConfig(range_m=7.0, loss=0.5)))
+    radio = GateConfig(range_m=7.0, loss=0.5)
+    simulation = Simulation(scenario(3, radio=radio, starts="known"))
     config = simulation.robot_config("r2")
     assert (config.name, config.team) == ("r2", ("r1", "r2", "r3"))
     assert config.start is not None
