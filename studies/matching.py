@@ -22,26 +22,19 @@ import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
-from maps.library import load_map
-from protocol.config import BodyConfig, LidarConfig
 from protocol.errors import EarshotError
 from protocol.pose import FloatArray, Pose2
 from robot.perception.pair_matching import PairMatch, match_pair
 from robot.perception.returns import Returns, describe_returns, noise_model
-from robot.perception.scan import LaserScan, beam_angles
+from robot.perception.scan import LaserScan
 from robot.slam.gaussian import carry, invert_spd
 from station.warm_up import ensure_warm
 from studies.command import one_line_errors, print_figures, study_parser, write_figures
-from world.lidar import Lidars
-from world.noise import Noise
-from world.terrain import Terrain
+from studies.views import EXACT, LIDAR, Views
 
-LIDAR = LidarConfig()
-EXACT = LidarConfig(noise="none")
 NOISE = noise_model(LIDAR)
 APART_M, APART_RAD = 0.5, math.radians(15.0)
 OFF_M, OFF_RAD = 0.3, math.radians(15.0)
@@ -80,55 +73,25 @@ class Pairs:
     """Random pairs of scans in one building, the same for every matcher."""
 
     def __init__(self, name: str, seed: int) -> None:
-        self._terrain = Terrain(load_map(name))
-        self._rng = np.random.default_rng(seed)
-        self._noisy = Lidars(LIDAR, ("r1",), BodyConfig().radius_m)
-        self._exact = Lidars(EXACT, ("r1",), BodyConfig().radius_m)
-        self._noise = Noise(seed)
-        self._tick = 0
+        self._views = Views(name, seed)
 
     def next(self) -> Pair:
+        views = self._views
         while True:
-            a = self._free_pose()
-            T_a_b = self._draw(APART_M, APART_RAD)
+            a = views.free_pose()
+            T_a_b = views.offset(APART_M, APART_RAD)
             b = a @ T_a_b
-            if self._is_free(b):
+            if views.is_free(b):
                 break
         (scan_a, of_a), (scan_b, of_b) = self._scan(a), self._scan(b)
         covariance = invert_spd(of_b) + carry(invert_spd(of_a), T_a_b)
-        return Pair(scan_a, scan_b, T_a_b, T_a_b @ self._draw(OFF_M, OFF_RAD), covariance)
-
-    def _draw(self, half_m: float, half_rad: float) -> Pose2:
-        distance = half_m * math.sqrt(self._rng.random())
-        angle = self._rng.uniform(-math.pi, math.pi)
-        turn = self._rng.uniform(-half_rad, half_rad)
-        return Pose2(distance * math.cos(angle), distance * math.sin(angle), turn)
-
-    def _free_pose(self) -> Pose2:
-        rows, columns = self._terrain.solid.shape
-        while True:
-            at = self._rng.random(2) * (columns, rows)
-            x, y, _ = self._terrain.to_metres(np.array([[*at, 0.0]]))[0]
-            pose = Pose2(float(x), float(y), float(self._rng.uniform(-math.pi, math.pi)))
-            if self._is_free(pose):
-                return pose
-
-    def _is_free(self, pose: Pose2) -> bool:
-        return not self._terrain.disc_overlaps(pose.x, pose.y, BodyConfig().radius_m)
+        return Pair(scan_a, scan_b, T_a_b, T_a_b @ views.offset(OFF_M, OFF_RAD), covariance)
 
     def _scan(self, pose: Pose2) -> tuple[LaserScan, FloatArray]:
         """A scan as the robot sees it, and the information that the same one without noise has."""
-        self._tick += 1
-        at = pose.to_array()[None]
-        noisy = self._noisy.scan(self._terrain, at, self._tick, self._noise)[0]
-        exact = self._exact.scan(self._terrain, at, self._tick, self._noise)[0]
-        returns = describe_returns(_laser_scan(exact), noise_model(EXACT), LIDAR.max_range_m)
-        return _laser_scan(noisy), bound(returns) + 1e-6 * np.eye(3)
-
-
-def _laser_scan(ranges: Any) -> LaserScan:
-    angles = beam_angles(LIDAR)
-    return LaserScan(np.array(ranges, dtype=np.float64), angles, LIDAR.max_range_m)
+        scan, exact = self._views.scan(pose), self._views.scan(pose, noisy=False)
+        returns = describe_returns(exact, noise_model(EXACT), LIDAR.max_range_m)
+        return scan, bound(returns) + 1e-6 * np.eye(3)
 
 
 def by_earshot(a: LaserScan, b: LaserScan, guess: Pose2) -> PairMatch:
