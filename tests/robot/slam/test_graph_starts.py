@@ -168,3 +168,46 @@ def test_nothing_doubted_is_plain_least_squares() -> None:
     plain = optimise(nodes, edges, measured, information, first_fixed(30))
     assert found.accepted.all()
     assert found.solution.chi2 == pytest.approx(plain.chi2, rel=1e-6)
+
+
+def test_a_false_edge_that_came_in_first_is_found_out() -> None:
+    """A long way, hardly any closures, and a false one nearer to what the odometry expects than
+    three true ones that are right together."""
+    nodes, edges, measured, information = ring(90, 5, 0.05)
+    steps, ends = np.arange(89), np.array([[0, 60], [4, 64], [8, 68], [2, 32], [31, 62]])
+    true = compose(invert(nodes[ends[:, 0]]), nodes[ends[:, 1]])
+    false_ends, false = np.array([[1, 61]]), np.array([[0.3, 1.8, -0.35]])
+    found = optimise_admitting(
+        nodes,
+        np.vstack([edges[steps], ends, false_ends]),
+        np.vstack([measured[steps], true, false]),
+        np.concatenate([information[steps], np.tile(1e4 * np.eye(3), (6, 1, 1))]),
+        first_fixed(90),
+        np.arange(95) >= 89,
+    )
+    np.testing.assert_array_equal(found.accepted[89:], [True] * 5 + [False])
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_many_lone_closures_come_in_by_and_by(seed: int) -> None:
+    """A thousand steps with a closure every tenth: guesses that double need few rounds."""
+    nodes, edges, measured, information = ring(600, seed, 0.02)
+    kept = np.concatenate([np.arange(599), np.arange(599, len(edges), 10)])
+    edges, measured, information = edges[kept], measured[kept], information[kept]
+    rng = np.random.default_rng(seed)
+    count = len(edges) - 599
+    false = np.sort(rng.choice(600, (count // 2, 2)), axis=1) + np.array([0, 1])
+    false = np.minimum(false, 599)
+    false = false[false[:, 0] < false[:, 1]]
+    wrong = np.column_stack([rng.uniform(-8, 8, (len(false), 2)), rng.uniform(-3, 3, len(false))])
+    all_edges, all_measured = np.vstack([edges, false]), np.vstack([measured, wrong])
+    all_information = np.concatenate([information, information[: len(false)]])
+    found = optimise_admitting(
+        nodes,
+        all_edges,
+        all_measured,
+        all_information,
+        first_fixed(600),
+        np.arange(len(all_edges)) >= 599,
+    )
+    np.testing.assert_array_equal(found.accepted, np.arange(len(all_edges)) < len(edges))
