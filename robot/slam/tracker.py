@@ -27,7 +27,7 @@ VAGUE_M = 0.06
 # Odometry errs the same way from scan to scan, its covariance says it does not. A prior that
 # believed that would bend the map a little with each of many short steps; one this weak holds only
 # where the scan does not.
-PRIOR_FLOOR = np.diag([0.03**2, 0.03**2, 0.03**2])
+PRIOR_FLOOR = np.diag([0.02**2, 0.02**2, 0.02**2])
 
 
 @dataclass(frozen=True, slots=True)
