@@ -17,10 +17,10 @@ class Kind(IntEnum):
 class Evidence:
     """Shares from 0 to 1, of the worse of both ways but for `overlap`.
 
-    `overlap`: of the returns of one, how many lie where the other map knows the place, of the
-    better way: a small place may lie in a large one; `hits`: how many of those lie on its walls;
-    `crossing`: of the rays, how many go through its walls; `ambiguity`: the score of the best pose
-    elsewhere by that of the pose itself.
+    `overlap`: of the returns of one, how many lie where the other map knows the place, for a place
+    that was searched for of the better way, as a small one may lie in a large one; `hits`: how many
+    of those lie on its walls; `crossing`: of the rays, how many go through its walls; `ambiguity`:
+    the score of the best pose elsewhere by that of the pose itself.
     """
 
     kind: Kind = Kind.NEAR

@@ -10,11 +10,15 @@ from robot.team.consistency import Matches, consistent_sets, gathered_covariance
 from robot.team.evidence import Evidence, Kind
 from robot.team.joint import Group, JointGraph, LinkName, Solution, solve
 from robot.team.journal import LogName
+from robot.team.log_graph import LogGraph
 
 MAX_MATCHES = 150
 MAX_HYPOTHESES = 6
 # A sighting says who was seen, so one is worth more than a look-alike place can be.
 SIGHTING_WEIGHT = 2.0
+# A step of a chain that says so little (m², rad²) was not driven: the robot went on in another
+# submap for a while, and a closure holds the anchor. At its word it would let all matches agree.
+UNTIED = 1.0
 # Below this a place match says next to nothing.
 LEAST_WEIGHT = 0.02
 
@@ -61,7 +65,18 @@ def solve_alone(graph: JointGraph, name: LogName) -> LoneLog:
     for k, anchor in enumerate(log.anchors[1:], start=1):
         relative[k] = anchor.T_previous_anchor.to_array()
         covariance[k] = invert_spd(anchor.information)
+        if np.trace(covariance[k]) > UNTIED:
+            covariance[k] = _held_by(log, k, covariance[k])
     return LoneLog(anchors, gathered_covariance(relative, covariance))
+
+
+def _held_by(log: LogGraph, index: int, covariance: FloatArray) -> FloatArray:
+    """The covariance (3×3) of the closure that holds an anchor; as given where there is none."""
+    for row in log.loops.values[log.loops.values[:, 1] == index]:
+        closed = invert_spd(row[5:].reshape(3, 3))
+        if np.trace(closed) < np.trace(covariance):
+            covariance = closed
+    return covariance
 
 
 class LoneLogs:

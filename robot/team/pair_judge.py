@@ -41,9 +41,10 @@ FEW = Demands(places=1, worth=0.4, ambiguity=0.85, walls_m=35.0, hits=0.85, cros
 MIN_SIGHTINGS = 2
 MAX_SIGHTED_CROSSING = 0.10
 # Another alignment that comes this near to the best in worth leaves it open which is right, unless
-# the maps rule it out; of less worth, if they agree by it as they would have to by few places.
+# so many more rays cross walls by it than by the best; one of less worth does if the maps agree by
+# it as they would have to by few places.
 RIVAL_WORTH = 0.6
-RIVAL_CROSSING = 0.08
+RIVAL_CROSSING, RIVAL_FACTOR, MAX_RIVAL_CROSSING = 0.01, 2.5, 0.08
 RIVAL_HITS = 0.90
 
 KNOWN = "their starts are known"
@@ -162,11 +163,13 @@ class PairJudge:
             return State.TENTATIVE, "the places look like others"
         if overlap.walls_m < demands.walls_m:
             return State.TENTATIVE, f"{overlap.walls_m:.0f} m of common walls are too few"
-        if any(self._is_rival(other, best, a, b) for other in others):
+        if any(self._is_rival(other, best, overlap, a, b) for other in others):
             return State.TENTATIVE, "another alignment fits nearly as well"
         return State.ALIGNED, f"{best.places} places agree"
 
-    def _is_rival(self, other: Hypothesis, best: Hypothesis, a: LogName, b: LogName) -> bool:
+    def _is_rival(
+        self, other: Hypothesis, best: Hypothesis, overlap: Overlap, a: LogName, b: LogName
+    ) -> bool:
         """Whether another alignment leaves it open which is right: one that comes near in worth, or
         one of less whose maps agree to the last bit too."""
         near = other.worth >= RIVAL_WORTH * best.worth
@@ -174,7 +177,8 @@ class PairJudge:
             return False
         laid = self._lay_over(other, a, b)
         if near:
-            return laid.crossing <= RIVAL_CROSSING
+            worse = max(overlap.crossing + RIVAL_CROSSING, RIVAL_FACTOR * overlap.crossing)
+            return laid.crossing <= min(worse, MAX_RIVAL_CROSSING)
         return laid.crossing <= FEW.crossing and laid.hits >= RIVAL_HITS
 
     def _lay_over(self, hypothesis: Hypothesis, a: LogName, b: LogName) -> Overlap:

@@ -7,6 +7,7 @@ the other saw free space, both ways.
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +15,7 @@ import numpy as np
 from protocol.pose import FloatArray, Pose2
 from robot.perception import search_kernels
 from robot.perception.field import RESOLUTION_M, SIGMA_M, CorrelationField, Overlay
-from robot.perception.matching import match_returns
+from robot.perception.matching import Match, match_returns
 from robot.perception.search import (
     MAX_NODES,
     SAME_PEAK_M,
@@ -37,6 +38,8 @@ RIVAL_SHARE = 0.75
 LAY_EVERY = 2
 # What a match of places errs by however many surfaces agree.
 MATCH_FLOOR = np.diag([0.01**2, 0.01**2, 0.003**2])
+# And in surroundings that were seen some metres before.
+DRIFTED_FLOOR = np.diag([0.03**2, 0.03**2, 0.01**2])
 # Neighbouring surfaces err together: so many of them count as one.
 CORRELATED = 8.0
 # What is known of a direction in which the surfaces say nothing (1 m, 1 rad).
@@ -97,26 +100,47 @@ def match_from(
 ) -> PlaceMatch:
     """Climb from a guess of `T_a_b`, and gather the evidence.
 
-    A place that was searched for may lie in the surroundings of another; one that is known to be
-    near is matched without what these drifted.
+    A place that was searched for may lie in the surroundings of another, and evidence is gathered
+    there. These hold what the chain drifted: where the places themselves overlap, they say best how
+    they lie, and where they do not the match is known less well.
     """
-    on, onto = (a.field, b.field) if kind is Kind.NEAR else (a.surroundings, b.surroundings)
+    if kind is Kind.NEAR:
+        match, laid = _climb(a.field, b.field, a, b, guess, min)
+        return _place_match(match, laid, kind, ambiguity, MATCH_FLOOR)
+    match, laid = _climb(a.surroundings, b.surroundings, a, b, guess, max)
+    closer, seen = _climb(a.field, b.field, a, b, match.T_field_base, min)
+    if seen.overlap >= MIN_OVERLAP and seen.hits >= MIN_HITS and closer.score >= MIN_SCORE:
+        return _place_match(closer, laid, kind, ambiguity, MATCH_FLOOR)
+    return _place_match(match, laid, kind, ambiguity, DRIFTED_FLOOR)
+
+
+def _climb(
+    on: CorrelationField,
+    onto: CorrelationField,
+    a: Place,
+    b: Place,
+    guess: Pose2,
+    fold: Callable[[float, float], float],
+) -> tuple[Match, Overlay]:
+    """Place b matched on what was drawn of a, and both ways laid over each other; `fold` says which
+    of the overlaps counts."""
     match = match_returns(on, b.surfaces, guess)
     T_a_b = match.T_field_base
     on_a, on_b = _lay_over(on, b, T_a_b), _lay_over(onto, a, T_a_b.inverse())
-    covariance = invert_spd(match.information / CORRELATED + UNKNOWN) + MATCH_FLOOR
-    return PlaceMatch(
-        match.T_field_base,
-        invert_spd(covariance),
-        match.score,
-        Evidence(
-            kind,
-            max(on_a.overlap, on_b.overlap),
-            min(on_a.hits, on_b.hits),
-            max(on_a.crossing, on_b.crossing),
-            ambiguity,
-        ),
+    laid = Overlay(
+        fold(on_a.overlap, on_b.overlap),
+        min(on_a.hits, on_b.hits),
+        max(on_a.crossing, on_b.crossing),
     )
+    return match, laid
+
+
+def _place_match(
+    match: Match, laid: Overlay, kind: Kind, ambiguity: float, floor: FloatArray
+) -> PlaceMatch:
+    covariance = invert_spd(match.information / CORRELATED + UNKNOWN) + floor
+    evidence = Evidence(kind, laid.overlap, laid.hits, laid.crossing, ambiguity)
+    return PlaceMatch(match.T_field_base, invert_spd(covariance), match.score, evidence)
 
 
 def _lay_over(a: CorrelationField, b: Place, T_a_b: Pose2) -> Overlay:
