@@ -13,7 +13,7 @@ from protocol.pose import Pose2
 from robot.team.standing import TEAM_FRAME
 from station.observer import RunOutcome
 from station.report_tracks import matched
-from world.accuracy import align_frames
+from world.accuracy import align_frames, by_frame
 from world.frames import was_told
 from world.simulation import Simulation
 
@@ -95,9 +95,7 @@ def final_frames(outcome: RunOutcome) -> dict[str, Pose2]:
 def final_groups(outcome: RunOutcome) -> tuple[Group, ...]:
     """The robots whose answers share a frame, largest group first. Who gave none is where it was
     told to be, with the others that were, or alone."""
-    simulation, ways = outcome.simulation, matched(outcome)
-    frames: dict[str, list[str]] = {}
-    for name in simulation.names:
-        silent = TEAM_FRAME if was_told(simulation, name) else name
-        frames.setdefault(ways[name].frame if name in ways else silent, []).append(name)
-    return tuple(sorted((tuple(names) for names in frames.values()), key=lambda group: -len(group)))
+    simulation = outcome.simulation
+    frames = {name: TEAM_FRAME if was_told(simulation, name) else name for name in simulation.names}
+    frames |= {name: way.frame for name, way in matched(outcome).items()}
+    return tuple(sorted(by_frame(frames).values(), key=lambda group: -len(group)))

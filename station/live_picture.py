@@ -16,7 +16,7 @@ from maps.grid import OccupancyGrid
 from maps.pixels import write_whole
 from protocol.messages import MapReply, Report
 from protocol.pose import FloatArray, Pose2
-from station.live_groups import final_frames, final_groups, groups_of, standing_of
+from station.live_groups import Group, final_frames, final_groups, groups_of, standing_of
 from station.live_panel import Image, Panel, with_head
 from station.live_status import grid_of
 from station.observer import RunOutcome
@@ -28,8 +28,6 @@ REDRAW_S = 1.0
 LONG_SIDE_PX = 1200
 # More groups than this are named, not drawn.
 MAX_PANELS = 6
-
-Group = tuple[str, ...]
 
 
 class LivePicture:

@@ -7,6 +7,7 @@ from maps.pixels import write_whole
 from robot.slam.saved_map import SavedMap, SavedMapError
 from station.observer import RobotOutcome, RunOutcome
 from station.report_folder import SAVED_MAP, saved_map_of
+from world.accuracy import by_frame
 
 
 def write_saved_maps(outcome: RunOutcome, folder: Path) -> None:
@@ -19,10 +20,8 @@ def write_saved_maps(outcome: RunOutcome, folder: Path) -> None:
     }
     for name, found in maps.items():
         write_whole(folder / name / SAVED_MAP, found.encode())
-    frames: dict[str, list[str]] = {}
-    for name in maps:
-        robot = outcome.robots[name]
-        frames.setdefault(robot.trajectory.frame if robot.trajectory else name, []).append(name)
+    ways = {name: outcome.robots[name].trajectory for name in maps}
+    frames = by_frame({name: way.frame if way else name for name, way in ways.items()})
     for rank, group in enumerate(sorted(frames.values(), key=len, reverse=True)):
         file = saved_map_of(group[0]) if rank else SAVED_MAP
         write_whole(folder / file, SavedMap.joined([maps[name] for name in group]).encode())

@@ -11,6 +11,7 @@ from station.wording import (
     percent,
     readable_bytes,
 )
+from world.accuracy import by_frame
 
 
 def folder_readme(outcome: RunOutcome, metrics: Metrics) -> str:
@@ -97,10 +98,9 @@ def _per_metre(size: float | None) -> str:
 def _standings(metrics: Metrics) -> str:
     """Who shares a frame with whom, and why where somebody does not; nothing where all were told
     where they start."""
-    frames: dict[str, list[str]] = {}
-    for name, robot in metrics.robots.items():
-        if robot.frame is not None:
-            frames.setdefault(robot.frame, []).append(name)
+    frames = by_frame(
+        {name: robot.frame for name, robot in metrics.robots.items() if robot.frame is not None}
+    )
     told = {
         (name, mate): standing
         for name, robot in metrics.robots.items()

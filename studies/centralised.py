@@ -22,7 +22,7 @@ from robot.perception.returns import noise_model
 from robot.slam.pose_graph import optimise
 from robot.team.alignment import align
 from robot.team.entries import decode_entry
-from robot.team.joint import JointGraph, Problem, Solution, keyframe_poses
+from robot.team.joint import JointGraph, Problem, Solution, by_log, keyframe_poses
 from robot.team.journal import decode_record
 from station.scenario_file import changed
 from studies.command import one_line_errors, study_parser, write_figures
@@ -85,12 +85,7 @@ def centralised(graph: JointGraph, noise: FloatArray) -> Solution:
     """The largest group of logs that are aligned, solved until nothing moves."""
     group = max(align(graph, noise).groups, key=lambda group: len(group.logs))
     problem = graph.problem(group)
-    ends = np.cumsum(problem.sizes)
-    nodes = _minimised(problem)
-    return {
-        name: nodes[end - size : end]
-        for name, size, end in zip(problem.logs, problem.sizes, ends, strict=True)
-    }
+    return by_log(problem, _minimised(problem))
 
 
 def _minimised(problem: Problem) -> FloatArray:

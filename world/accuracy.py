@@ -64,26 +64,32 @@ def align_team(pairs: Iterable[tuple[FloatArray, FloatArray]]) -> Pose2:
     return align(np.concatenate([empty, *estimated]), np.concatenate([empty, *true]))
 
 
+def by_frame(frames: Mapping[str, str]) -> dict[str, tuple[str, ...]]:
+    """The robots in each frame, from the frame that each robot's poses are relative to; frames and
+    robots in the order given."""
+    return {
+        frame: tuple(name for name in frames if frames[name] == frame)
+        for frame in dict.fromkeys(frames.values())
+    }
+
+
 def align_frames(tracks: Mapping[str, Track]) -> dict[str, Pose2]:
     """`T_world_map` of each robot's estimates: one for all that share a frame. Robots that are not
     aligned with each other are no worse for where their frames happen to lie."""
-    frames: dict[str, list[Track]] = {}
-    for track in tracks.values():
-        frames.setdefault(track.frame, []).append(track)
-    found = {
-        frame: align_team((track.final, track.true) for track in members)
-        for frame, members in frames.items()
-    }
-    return {name: found[track.frame] for name, track in tracks.items()}
+    found: dict[str, Pose2] = {}
+    for members in _frames(tracks).values():
+        T_world_map = align_team((tracks[name].final, tracks[name].true) for name in members)
+        found.update(dict.fromkeys(members, T_world_map))
+    return {name: found[name] for name in tracks}
 
 
 def largest_frame(tracks: Mapping[str, Track]) -> tuple[str, ...]:
     """The robots that share a frame with most others; of equally many, those of the first robot."""
-    frames: dict[str, list[str]] = {}
-    for name, track in tracks.items():
-        frames.setdefault(track.frame, []).append(name)
-    largest: list[str] = max(frames.values(), key=len) if frames else []
-    return tuple(largest)
+    return max(_frames(tracks).values(), key=len, default=())
+
+
+def _frames(tracks: Mapping[str, Track]) -> dict[str, tuple[str, ...]]:
+    return by_frame({name: track.frame for name, track in tracks.items()})
 
 
 def distances(T_world_map: Pose2, estimated: FloatArray, true: FloatArray) -> FloatArray:

@@ -171,6 +171,11 @@ def solve(problem: Problem) -> Solution:
             fixed=problem.fixed,
             robust=problem.robust,
         ).nodes
+    return by_log(problem, nodes)
+
+
+def by_log(problem: Problem, nodes: FloatArray) -> Solution:
+    """The nodes (n×3) of a problem, each log's by itself."""
     ends = np.cumsum(problem.sizes)
     return {
         name: nodes[end - size : end]
