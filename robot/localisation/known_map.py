@@ -106,7 +106,7 @@ class KnownMap:
 
     def submap(self) -> Submap:
         """The whole map as one finished submap with the map's origin as its anchor."""
-        return Submap(0, self.field, [np.zeros(3)], 0.0, True)
+        return Submap(0, self.field, [np.zeros(3)], 0.0, True, self.pyramid)
 
 
 def _corners(submap: PackedSubmap, anchor: FloatArray) -> FloatArray:

@@ -91,10 +91,21 @@ class Pyramid:
     @staticmethod
     def of(blocks: Blocks, half_m: float) -> "Pyramid":
         """As many levels as a window of ± `half_m` makes use of."""
-        cells = max(2.0 * half_m / SEARCH_RESOLUTION_M, 2.0)
-        count = min(MAX_LEVELS, max(2, math.ceil(math.log2(cells))))
-        levels = search_kernels.build_pyramid(blocks.maxima, count)
+        levels = search_kernels.build_pyramid(blocks.maxima, _levels(half_m))
         return Pyramid(blocks.field, levels, blocks.origin)
+
+    def is_enough(self, half_m: float) -> bool:
+        """Whether a window of ± `half_m` makes use of no more levels than there are."""
+        return _levels(half_m) <= len(self.levels)
+
+    def up_to(self, half_m: float) -> "Pyramid":
+        """The same as it would have been made for a smaller window."""
+        return Pyramid(self.field, self.levels[: _levels(half_m)], self.origin)
+
+
+def _levels(half_m: float) -> int:
+    cells = max(2.0 * half_m / SEARCH_RESOLUTION_M, 2.0)
+    return min(MAX_LEVELS, max(2, math.ceil(math.log2(cells))))
 
 
 def search(pyramid: Pyramid, returns: Returns, window: Window, floor: float) -> Peak | None:

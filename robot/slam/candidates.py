@@ -82,9 +82,9 @@ class CandidateFinder:
             guess = Pose2.from_array(nodes[submap.index]).inverse() @ here
             old = anchor - submap.index > self._config.near_in_time
             if not old or self._untied_m <= self._config.tied_m:
-                candidates.append(Candidate(submap, guess, 0.0, 0.0))
+                candidates.append(Candidate(submap, guess))
             elif searches < self._config.max_searches:
-                candidates.append(Candidate(submap, guess, half_m, half_rad))
+                candidates.append(Candidate.searched(submap, guess, half_m, half_rad))
                 searches += 1
         return tuple(candidates)
 
@@ -95,7 +95,7 @@ class CandidateFinder:
         near = self.near(here, nodes, reach_m)
         others = [place for place in near if self._submaps[place].index != anchor]
         return tuple(
-            Candidate(submap, Pose2.from_array(nodes[submap.index]).inverse() @ here, 0.0, 0.0)
+            Candidate(submap, Pose2.from_array(nodes[submap.index]).inverse() @ here)
             for submap in map(self._unpack, others[:most])
         )
 

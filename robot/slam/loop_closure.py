@@ -13,7 +13,7 @@ from protocol.pose import FloatArray, Pose2
 from robot.perception.field import Overlay
 from robot.perception.matching import Match, match_returns
 from robot.perception.returns import Returns
-from robot.perception.search import Blocks, Peak, Pyramid, Window, search
+from robot.perception.search import Pyramid, Window, search
 from robot.slam.config import ClosureConfig
 from robot.slam.gaussian import carry, invert_spd
 from robot.slam.submap import Submap
@@ -38,12 +38,19 @@ class Query:
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """A finished submap with the guess `T_submap_base`; a window of 0 m asks for no search."""
+    """A finished submap with the guess `T_submap_base`, and the window of a search if that is
+    wanted, with the submap as it is searched in one of that size."""
 
     submap: Submap
     guess: Pose2
-    half_m: float
-    half_rad: float
+    window: Window | None = None
+    pyramid: Pyramid | None = None
+
+    @staticmethod
+    def searched(submap: Submap, guess: Pose2, half_m: float, half_rad: float) -> "Candidate":
+        """With a window of ± `half_m` and ± `half_rad` round the guess."""
+        window = Window(guess, half_m, half_rad)
+        return Candidate(submap, guess, window, submap.searchable(half_m))
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,8 +84,9 @@ def examine(
 def _examine(query: Query, candidate: Candidate, config: ClosureConfig) -> Verdict:
     field = candidate.submap.field
     start, ambiguity = candidate.guess, 0.0
-    if candidate.half_m > 0.0:
-        peak = _search(query, candidate, config)
+    if candidate.window is not None and candidate.pyramid is not None:
+        few = query.returns.thinned(config.search_points)
+        peak = search(candidate.pyramid, few, candidate.window, config.search_floor)
         if peak is None:
             nothing = Match(start, np.zeros((3, 3)), 0.0, 0.0, 0, False, "iterations")
             return _measure(query, candidate, nothing, NOT_LAID_OVER, 0.0, "nothing in the window")
@@ -89,13 +97,6 @@ def _examine(query: Query, candidate: Candidate, config: ClosureConfig) -> Verdi
     overlay = field.overlay(match.T_field_base, query.returns)
     reason = _objection(overlay, ambiguity, config)
     return _measure(query, candidate, match, overlay, ambiguity, reason)
-
-
-def _search(query: Query, candidate: Candidate, config: ClosureConfig) -> Peak | None:
-    window = Window(candidate.guess, candidate.half_m, candidate.half_rad)
-    blocks = candidate.submap.blocks or Blocks.of(candidate.submap.field)
-    few = query.returns.thinned(config.search_points)
-    return search(Pyramid.of(blocks, window.half_m), few, window, config.search_floor)
 
 
 def _measure(

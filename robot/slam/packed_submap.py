@@ -1,34 +1,45 @@
 """Packed submaps: how finished submaps are kept, for most are not looked at for a long time."""
 
-import zlib
 from dataclasses import dataclass
 
 import numpy as np
 
 from protocol.pose import FloatArray
 from robot.perception.field import ByteArray, CorrelationField
-from robot.perception.search import Blocks
 from robot.slam.submap import Submap
 
-# The least effort: fields are mostly empty, and more takes a control step's time for little.
-LEVEL = 1
+# Bytes of a run: fields are mostly empty, and what is empty is told apart by whole runs.
+RUN = 8
 
 
 @dataclass(frozen=True, slots=True)
 class PackedGrid:
-    """An array of bytes, compressed without loss."""
+    """A mostly empty array of bytes, without its empty runs of 8 (the last one filled up).
 
-    data: bytes
-    shape: tuple[int, ...]
+    `marks` has a bit for every run, from the highest bit of its first byte on; `runs` are those
+    that hold anything. General compression takes ten times as long, to half the size.
+    """
+
+    marks: bytes
+    runs: bytes
+    shape: tuple[int, int]
 
     @staticmethod
     def of(grid: ByteArray) -> "PackedGrid":
-        return PackedGrid(zlib.compress(grid.tobytes(), LEVEL), grid.shape)
+        whole = np.zeros(-(-grid.size // RUN) * RUN, dtype=np.uint8)
+        whole[: grid.size] = grid.ravel()
+        runs = whole.view(np.uint64)
+        marks = runs != 0
+        rows, columns = grid.shape
+        return PackedGrid(np.packbits(marks).tobytes(), runs[marks].tobytes(), (rows, columns))
 
     def unpack(self) -> ByteArray:
         """The array, to be written to like any other: kernels take no others."""
-        data = bytearray(zlib.decompress(self.data))
-        return np.frombuffer(data, dtype=np.uint8).reshape(self.shape)
+        size = self.shape[0] * self.shape[1]
+        runs = np.zeros(-(-size // RUN), dtype=np.uint64)
+        marks = np.unpackbits(np.frombuffer(self.marks, dtype=np.uint8), count=len(runs))
+        runs[marks.view(np.bool_)] = np.frombuffer(self.runs, dtype=np.uint64)
+        return runs.view(np.uint8)[:size].reshape(self.shape)
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +76,4 @@ class PackedSubmap:
     def unpack(self) -> Submap:
         """The submap as it was when it was finished, to the last bit."""
         field = CorrelationField(self.nodes.unpack(), self.free.unpack(), self.origin)
-        return Submap(
-            self.index, field, list(self.keyframes), self.travel_m, True, Blocks.of(field)
-        )
+        return Submap(self.index, field, list(self.keyframes), self.travel_m, True)

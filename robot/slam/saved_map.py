@@ -22,6 +22,7 @@ from robot.slam.engine import Engine, GraphSnapshot
 from robot.slam.packed_submap import PackedGrid, PackedSubmap
 
 FORMAT, VERSION = "earshot-map", 1
+LEVEL = 1  # of compression: fields are mostly empty, and more takes long for little
 MAX_ROWS = 1 << 24  # of nodes, edges and keyframes
 MAX_SIDE = 1 << 14  # nodes of a grid: 400 m
 
@@ -75,7 +76,7 @@ class SavedMap:
             total.update(_packed(submap.keyframes, "<f8") + _packed(submap.origin, "<f8"))
             for grid in (submap.nodes, submap.free):
                 total.update(np.array(grid.shape, dtype="<i8").tobytes())
-                total.update(zlib.decompress(grid.data))
+                total.update(grid.unpack().tobytes())
         return total.hexdigest()
 
     def encode(self) -> bytes:
@@ -136,9 +137,13 @@ def _fields(submap: PackedSubmap) -> dict[str, Any]:
         "travel_m": submap.travel_m,
         "keyframes": _packed(submap.keyframes, "<f8"),
         "origin": _packed(submap.origin, "<f8"),
-        "walls": [*submap.nodes.shape, submap.nodes.data],
-        "free": [*submap.free.shape, submap.free.data],
+        "walls": _grid(submap.nodes),
+        "free": _grid(submap.free),
     }
+
+
+def _grid(grid: PackedGrid) -> list[Any]:
+    return [*grid.shape, zlib.compress(grid.unpack().tobytes(), LEVEL)]
 
 
 def _read_submap(fields: Any) -> PackedSubmap:
@@ -164,9 +169,10 @@ def _read_grid(fields: Any) -> PackedGrid:
         if type(side) is not int or not 2 <= side <= MAX_SIDE:
             raise ValueError(f"a grid of {rows} × {columns}")
     inflate = zlib.decompressobj()
-    if len(inflate.decompress(data, rows * columns + 1)) != rows * columns or not inflate.eof:
+    values = inflate.decompress(data, rows * columns + 1)
+    if len(values) != rows * columns or not inflate.eof:
         raise ValueError(f"a grid that does not hold {rows} × {columns} bytes")
-    return PackedGrid(data, (rows, columns))
+    return PackedGrid.of(np.frombuffer(values, dtype=np.uint8).reshape(rows, columns))
 
 
 def _read(data: Any, dtype: str, row: tuple[int, ...]) -> npt.NDArray[Any]:

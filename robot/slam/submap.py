@@ -6,12 +6,14 @@ from dataclasses import dataclass
 from protocol.pose import FloatArray, Pose2
 from robot.perception.field import CorrelationField
 from robot.perception.returns import Returns
-from robot.perception.search import Blocks
+from robot.perception.search import Blocks, Pyramid
 
 
 @dataclass(slots=True)
 class Submap:
     """Scans drawn relative to anchor `index`. Once finished it never changes again."""
+
+    TRANSIENT = ("pyramid",)
 
     index: int
     field: CorrelationField
@@ -19,8 +21,8 @@ class Submap:
     """`T_anchor_keyframe` (3,) of every scan drawn."""
     travel_m: float = 0.0
     finished: bool = False
-    blocks: Blocks | None = None
-    """What searches look at, once it is finished."""
+    pyramid: Pyramid | None = None
+    """What searches look at, of a finished one: made when it is first asked for."""
 
     @staticmethod
     def start(index: int, extent_m: float) -> "Submap":
@@ -36,7 +38,14 @@ class Submap:
         self.field.draw(T_anchor_base, returns)
 
     def finish(self) -> None:
-        """Give back the memory of the empty margin, and get ready to be searched."""
+        """Give back the memory of the empty margin."""
         self.field = self.field.cropped()
-        self.blocks = Blocks.of(self.field)
         self.finished = True
+
+    def searchable(self, half_m: float) -> Pyramid:
+        """What a search of a finished submap in a window of ± `half_m` looks at.
+
+        A control step asks for it, never a job, for it is kept for the next one."""
+        if self.pyramid is None or not self.pyramid.is_enough(half_m):
+            self.pyramid = Pyramid.of(Blocks.of(self.field), half_m)
+        return self.pyramid.up_to(half_m)

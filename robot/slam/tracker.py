@@ -130,9 +130,12 @@ def _search(
 ) -> Match:
     """The best match in a window, if it is clearly better than the first one."""
     few = returns.thinned(SEARCH_POINTS)
-    reach = window.half_m + float(np.hypot(few.points[:, 0], few.points[:, 1]).max())
-    seen = submap.blocks or Blocks.around(submap.field, window.centre, reach)
-    pyramid = Pyramid.of(seen, window.half_m)
+    if submap.finished:
+        pyramid = submap.searchable(window.half_m)
+    else:
+        reach = window.half_m + float(np.hypot(few.points[:, 0], few.points[:, 1]).max())
+        seen = Blocks.around(submap.field, window.centre, reach)
+        pyramid = Pyramid.of(seen, window.half_m)
     peak = search(pyramid, few, window, max(SEARCH_FLOOR, first.score))
     return first if peak is None else _better(first, _climb(submap, returns, expected, peak.pose))
 

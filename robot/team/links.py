@@ -167,7 +167,7 @@ def find_links(
         scan = LaserScan(keyframe.ranges, trial.angles, trial.max_range_m)
         returns = describe_returns(scan, noise, config.front_end.usable_range_m)
         query = Query(keyframe.anchor, keyframe.T_anchor_keyframe, keyframe.covariance, returns)
-        candidate = Candidate(trial.submap.unpack(), trial.T_submap_base, 0.0, 0.0)
+        candidate = Candidate(trial.submap.unpack(), trial.T_submap_base)
         (verdict,) = examine(query, (candidate,), config.closures)
         if verdict.accepted and _is_where_expected(trial, verdict):
             links.append(
