@@ -136,7 +136,9 @@ def raw_motion(T_before_now: Pose2) -> Motion:
     along = 0.10 * metres + 0.02 * radians + 0.001
     across = 0.05 * metres + 0.02 * radians + 0.001
     turned = 0.20 * radians + 0.05 * metres + 0.001
-    return Motion(T_before_now, np.diag([along**2, across**2, turned**2]))
+    covariance = np.zeros((3, 3))
+    covariance[0, 0], covariance[1, 1], covariance[2, 2] = along**2, across**2, turned**2
+    return Motion(T_before_now, covariance)
 
 
 def play(

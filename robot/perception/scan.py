@@ -1,5 +1,6 @@
 """A range scan as the rest of the robot uses it."""
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,6 +9,7 @@ import numpy.typing as npt
 from protocol.config import LidarConfig
 from protocol.messages import Sighting
 from protocol.pose import FloatArray
+from robot.perception import scan_kernels
 
 # A teammate's disc is cut out with this much more around it: the sighting is noisy, the disc moves.
 TEAMMATE_MARGIN_M = 0.15
@@ -38,8 +40,10 @@ class LaserScan:
         return np.stack([r * np.cos(a), r * np.sin(a)], axis=-1)
 
 
+@functools.lru_cache(maxsize=16)
 def beam_angles(lidar: LidarConfig) -> FloatArray:
-    """The nominal direction of each beam (n), in radians."""
+    """The nominal direction of each beam (n), in radians: one array for all, not to be written
+    to."""
     steps = np.arange(lidar.beams, dtype=np.float64)
     return lidar.angle_min_rad + steps * lidar.increment_rad
 
@@ -57,8 +61,7 @@ def perceive(
     """
     angles = beam_angles(lidar)
     clean = np.array(ranges, dtype=np.float64)
-    clean[clean > lidar.max_range_m] = np.inf
-    clean[~(clean >= lidar.min_range_m)] = np.nan
+    scan_kernels.clean(clean, lidar.min_range_m, lidar.max_range_m)
     for sighting in sightings:
         reach = teammate_radius_m + TEAMMATE_MARGIN_M
         centre = sighting.range_m

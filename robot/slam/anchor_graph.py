@@ -40,6 +40,7 @@ class AnchorGraph:
         self._edges = 0
         self._optimised = 1
         self._covariance = np.zeros((3, 3))
+        self._covariances: dict[int, FloatArray] = {}  # those that were asked for since
         self._parents = [0]
         self._relative = [start.to_array()]
         self._relative_covariance = [np.zeros((3, 3))]
@@ -56,6 +57,11 @@ class AnchorGraph:
     def covariance(self, anchor: int) -> FloatArray:
         """Covariance (3×3) of an anchor against anchor 0: that of the last one optimised, which
         stands for all of them, and the chain of the front end from there on."""
+        if anchor not in self._covariances:
+            self._covariances[anchor] = self._chained_covariance(anchor)
+        return self._covariances[anchor]
+
+    def _chained_covariance(self, anchor: int) -> FloatArray:
         chain = []
         while anchor >= self._optimised:
             chain.append(anchor)
@@ -102,6 +108,7 @@ class AnchorGraph:
             self._nodes[n] = (self.pose(self._parents[n]) @ T_of_anchor).to_array()
         self._optimised = m
         self._covariance = optimised.last_covariance
+        self._covariances = {}
 
     def _add_edge(
         self, of: int, to: int, T_of_to: Pose2, information: FloatArray, robust: bool

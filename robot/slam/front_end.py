@@ -4,11 +4,10 @@ Two submaps overlap: the older is matched against while the newer fills, and tak
 it is full. So the map that is matched against always reaches back some way.
 """
 
-import math
 from dataclasses import dataclass
 
 from protocol.config import LidarConfig
-from protocol.pose import IDENTITY, FloatArray, Pose2
+from protocol.pose import IDENTITY, FloatArray, Pose2, wrap_angle
 from robot.perception.matching import Match
 from robot.perception.odometry import Motion
 from robot.perception.returns import Returns, describe_returns, noise_model
@@ -121,9 +120,9 @@ class FrontEnd:
     def _moved_enough(self) -> bool:
         if self._last_drawn is None:
             return True
-        moved = self._last_drawn.inverse() @ self.pose
-        far = math.hypot(moved.x, moved.y) >= self._config.keyframe_m
-        return far or abs(moved.theta) >= self._config.keyframe_rad
+        turned = abs(wrap_angle(self.pose.theta - self._last_drawn.theta))
+        far = self._last_drawn.distance_to(self.pose) >= self._config.keyframe_m
+        return far or turned >= self._config.keyframe_rad
 
     def _fill(self, submap: Submap) -> float:
         """How full a submap is, 1 when it must be finished."""

@@ -17,6 +17,13 @@ def invert_spd(matrix: FloatArray) -> FloatArray:
     return inverse
 
 
+def advance(covariance: FloatArray, T_a_b: Pose2, added: FloatArray) -> FloatArray:
+    """`carry(covariance, T_a_b) + added`; arrays are taken as they are, in C order."""
+    out = np.empty((3, 3))
+    gaussian_kernels.advance(covariance, T_a_b.x, T_a_b.y, T_a_b.theta, added, out)
+    return out
+
+
 def carry(covariance: FloatArray, T_a_b: Pose2) -> FloatArray:
     """Covariance of `T_map_b = T_map_a @ T_a_b` (3×3, tangent space at b) for an exact `T_a_b`.
 

@@ -2,7 +2,7 @@
 
 import math
 
-from protocol.kernel import kernel
+from protocol.kernel import inlined, kernel
 
 
 @kernel
@@ -26,7 +26,22 @@ def invert_spd(matrix, out):
 
 
 @kernel
+def advance(covariance, x, y, theta, added, out):
+    """out = Ad(T⁻¹) covariance Ad(T⁻¹)ᵀ + added for T = (x, y, theta)."""
+    _carry(covariance, x, y, theta, out)
+    for r in range(3):
+        for c in range(3):
+            out[r, c] += added[r, c]
+
+
+@kernel
 def carry(covariance, x, y, theta, out):
+    """out = Ad(T⁻¹) covariance Ad(T⁻¹)ᵀ for T = (x, y, theta)."""
+    _carry(covariance, x, y, theta, out)
+
+
+@inlined
+def _carry(covariance, x, y, theta, out):
     """out = Ad(T⁻¹) covariance Ad(T⁻¹)ᵀ for T = (x, y, theta)."""
     c = math.cos(theta)
     s = math.sin(theta)

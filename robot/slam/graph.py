@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from protocol.config import BodyConfig, LidarConfig
-from protocol.pose import FloatArray, Pose2
+from protocol.pose import FloatArray, Pose2, wrap_angle
 from robot.jobs import Jobs
 from robot.perception.odometry import Motion
 from robot.perception.returns import Returns
@@ -23,7 +23,7 @@ from robot.slam.candidates import CandidateFinder
 from robot.slam.config import GraphSlamConfig, RevisitConfig
 from robot.slam.engine import Anchor, Closure, Entry, Estimate, GraphSnapshot, Keyframe
 from robot.slam.front_end import FrontEnd, Progress
-from robot.slam.gaussian import carry
+from robot.slam.gaussian import advance
 from robot.slam.kept_places import KeptPlaces
 from robot.slam.loop_closure import Candidate, Query, Verdict, examine
 from robot.slam.packed_submap import PackedSubmap
@@ -234,9 +234,9 @@ class GraphSlam:
         front_end, config = self._front_end, self._config.front_end
         pose = self._here()
         if self._last_keyframe is not None:
-            moved = self._last_keyframe.inverse() @ pose
-            near = math.hypot(moved.x, moved.y) < config.journal_m
-            if near and (self._sees_all_round or abs(moved.theta) < config.journal_rad):
+            near = self._last_keyframe.distance_to(pose) < config.journal_m
+            turned = abs(wrap_angle(pose.theta - self._last_keyframe.theta))
+            if near and (self._sees_all_round or turned < config.journal_rad):
                 return
         if not self._is_wanted(pose):
             return
@@ -256,7 +256,7 @@ class GraphSlam:
     def _estimate(self) -> Estimate:
         front_end = self._front_end
         anchor = front_end.current.index
-        covariance = carry(self._graph.covariance(anchor), front_end.pose) + front_end.covariance
+        covariance = advance(self._graph.covariance(anchor), front_end.pose, front_end.covariance)
         return Estimate(self._graph.pose(anchor) @ front_end.pose, covariance)
 
 

@@ -5,13 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from protocol.pose import IDENTITY, FloatArray, Pose2
+from protocol.pose import IDENTITY, FloatArray, Pose2, wrap_angle
 from robot.perception.matching import Match, match_returns
 from robot.perception.odometry import Motion
 from robot.perception.returns import Returns
 from robot.perception.search import Blocks, Pyramid, Window, search
 from robot.slam.config import FrontEndConfig
-from robot.slam.gaussian import carry, invert_spd
+from robot.slam.gaussian import advance, invert_spd
 from robot.slam.submap import Submap
 
 SEARCH_POINTS = 90
@@ -48,14 +48,16 @@ class Tracker:
         self.covariance = np.zeros((3, 3))
         self.match_covariance = np.zeros((3, 3))
         self._since_match = np.zeros((3, 3))
+        xy, theta = config.drift_m_per_sqrt_m**2, config.drift_rad_per_sqrt_m**2
+        self._drift_per_m = np.diag([xy, xy, theta])
         self._last_motion = IDENTITY  # between the last two scans, as matched
         self._last_scan_pose = IDENTITY
 
     def predict(self, motion: Motion) -> None:
         """Move by the odometry: pose, covariance, and what the next match takes as its prior."""
         self.pose = self.pose @ motion.T_before_now
-        self.covariance = carry(self.covariance, motion.T_before_now) + motion.covariance
-        self._since_match = carry(self._since_match, motion.T_before_now) + motion.covariance
+        self.covariance = advance(self.covariance, motion.T_before_now, motion.covariance)
+        self._since_match = advance(self._since_match, motion.T_before_now, motion.covariance)
 
     def correct(self, submap: Submap, returns: Returns) -> Match:
         """Match a scan in the submap, and be where it says."""
@@ -83,8 +85,8 @@ class Tracker:
         if match.reason == "few returns":
             return match
         reach = returns.median_range_m
-        if self._is_jerky(reach):
-            steady = self._last_scan_pose @ self._last_motion
+        steady = self._last_scan_pose @ self._last_motion
+        if self._is_jerky(steady, reach):
             match = _better(match, _climb(submap, returns, expected, steady))
         if match.score < self._config.doubtful_score or self._is_vague(reach):
             match = _search(submap, returns, expected, self._prior_window(), match)
@@ -93,13 +95,13 @@ class Tracker:
             match = _search(submap, returns, expected, window, match)
         return match
 
-    def _is_jerky(self, reach: float) -> bool:
+    def _is_jerky(self, steady: Pose2, reach: float) -> bool:
         """Whether the odometry stands still or jumps, such that constant velocity would put returns
         (`reach` m away) out of a climb's reach. After a long way to this scan none is expected."""
         if math.hypot(self._last_motion.x, self._last_motion.y) > self._config.search_m:
             return False
-        apart = self.pose.inverse() @ (self._last_scan_pose @ self._last_motion)
-        return max(math.hypot(apart.x, apart.y), abs(apart.theta) * reach) > VAGUE_M
+        turned = abs(wrap_angle(steady.theta - self.pose.theta))
+        return max(self.pose.distance_to(steady), turned * reach) > VAGUE_M
 
     def _is_vague(self, reach: float) -> bool:
         """Whether the odometry's error may carry returns `reach` m away out of a climb's reach."""
@@ -116,9 +118,7 @@ class Tracker:
 
     def _drift(self, submap: Submap) -> FloatArray:
         """What the submap itself may be bent by, growing with its travel."""
-        travel = submap.travel_m + 0.05
-        xy = self._config.drift_m_per_sqrt_m**2 * travel
-        return np.diag([xy, xy, self._config.drift_rad_per_sqrt_m**2 * travel])
+        return self._drift_per_m * (submap.travel_m + 0.05)
 
 
 def _climb(submap: Submap, returns: Returns, expected: Expected, start: Pose2) -> Match:
