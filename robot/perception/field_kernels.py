@@ -16,6 +16,9 @@ SHARE = 1.0 / FULL
 REACH_SIGMAS = 3.0
 # Nodes of a row are drawn in multiples of this, as many as vector instructions take at once.
 LANES = 8
+# Rays step in fixed point, with so many bits behind the point: 1e-9 of a cell after any ray.
+FRACTION_BITS = 40
+FRACTION = float(1 << FRACTION_BITS)
 # exp(−4 y) = (exp(−y))⁴ is drawn by the series of exp(−y), y ≤ REACH_SIGMAS² / 8: to 1e-4 of FULL.
 SERIES = tuple(np.float32((-1.0) ** n / math.factorial(n)) for n in range(7))
 ZERO = np.float32(0.0)
@@ -64,7 +67,8 @@ def _draw_segment(field, ax, ay, bx, by, sigma, height):
         return
     width = (last_column - first_column + LANES) // LANES * LANES
     first_column = max(0, min(first_column, field.shape[1] - width))
-    width = min(width, field.shape[1])
+    # Only a field narrower than this box is not drawn up to its last column.
+    width = min(width, field.shape[1] // LANES * LANES)
     dx = np.float32(bx - ax)
     dy = np.float32(by - ay)
     length2 = dx * dx + dy * dy
@@ -74,20 +78,22 @@ def _draw_segment(field, ax, ay, bx, by, sigma, height):
     full = np.float32(FULL * height)
     left = np.float32(first_column - ax)
     for row in range(first_row, last_row + 1):
-        line = field[row, first_column : first_column + width]
         below = np.float32(row - ay)
-        for i in range(width):
-            px = left + np.float32(i)
-            t = min(ONE, max(ZERO, (px * dx + below * dy) * inverse_length2))
-            px -= t * dx
-            py = below - t * dy
-            y = (px * px + py * py) * scale
-            e = SERIES[5] + y * SERIES[6]
-            e = SERIES[3] + y * (SERIES[4] + y * e)
-            e = SERIES[0] + y * (SERIES[1] + y * (SERIES[2] + y * e))
-            e = e * e
-            e = e * e if y <= limit else ZERO
-            line[i] = max(line[i], np.uint8(np.int32(full * e + HALF)))
+        for start in range(0, width, LANES):
+            line = field[row, first_column + start : first_column + start + LANES]
+            for i in range(LANES):
+                # 32 bits: there is no vector instruction that makes floats of 64.
+                px = left + np.float32(np.int32(start + i))
+                t = min(ONE, max(ZERO, (px * dx + below * dy) * inverse_length2))
+                px -= t * dx
+                py = below - t * dy
+                y = (px * px + py * py) * scale
+                e = SERIES[5] + y * SERIES[6]
+                e = SERIES[3] + y * (SERIES[4] + y * e)
+                e = SERIES[0] + y * (SERIES[1] + y * (SERIES[2] + y * e))
+                e = e * e
+                e = e * e if y <= limit else ZERO
+                line[i] = max(line[i], np.uint8(np.int32(full * e + HALF)))
 
 
 @inlined
@@ -99,12 +105,19 @@ def _facing(returns, k, r):
     return max(abs(returns[k, 0] * returns[k, 2] + returns[k, 1] * returns[k, 3]) / r, 0.05)
 
 
+@inlined
+def _fixed(x):
+    """A number in fixed point: where a ray is by addition alone, and its cell by a shift."""
+    return np.int64(math.floor(x * FRACTION + 0.5))
+
+
 @kernel
 def mark_free(free, origin, resolution, pose, returns, count, margin, max_range):
     """Set the cells (of a coarse grid) that rays passed, up to `margin` before their return."""
     c = math.cos(pose[2])
     s = math.sin(pose[2])
-    rows, columns = free.shape
+    rows = np.uint64(free.shape[0])
+    columns = np.uint64(free.shape[1])
     u = (pose[0] - origin[0]) / resolution + 0.5
     v = (pose[1] - origin[1]) / resolution + 0.5
     for k in range(count):
@@ -115,13 +128,15 @@ def mark_free(free, origin, resolution, pose, returns, count, margin, max_range)
             continue
         steps = int(reach / resolution) + 1
         stride = reach / (steps * r * resolution)
-        du = (c * x - s * y) * stride
-        dv = (s * x + c * y) * stride
-        for step in range(steps):
-            column = int(math.floor(u + step * du))
-            row = int(math.floor(v + step * dv))
-            if 0 <= row < rows and 0 <= column < columns:
+        column_at, column_step = _fixed(u), _fixed((c * x - s * y) * stride)
+        row_at, row_step = _fixed(v), _fixed((s * x + c * y) * stride)
+        for _ in range(steps):
+            column = np.uint64(column_at >> FRACTION_BITS)  # what is below 0 is very large
+            row = np.uint64(row_at >> FRACTION_BITS)
+            if row < rows and column < columns:
                 free[row, column] = 1
+            column_at += column_step
+            row_at += row_step
 
 
 @inlined
@@ -177,6 +192,8 @@ def overlay(
     crossing = 0.0
     u = (pose[0] - origin[0]) / resolution + 0.5
     v = (pose[1] - origin[1]) / resolution + 0.5
+    rows = np.uint64(field.shape[0])
+    columns = np.uint64(field.shape[1])
     shrink = resolution / free_resolution
     for k in range(count):
         x, y, w = returns[k, 0], returns[k, 1], returns[k, 4]
@@ -197,18 +214,20 @@ def overlay(
             continue
         traced += 1.0
         stride = 1.0 / r
-        du = (c * x - s * y) * stride
-        dv = (s * x + c * y) * stride
-        for i in range(int(reach / resolution)):
-            column = int(math.floor(u + i * du))
-            row = int(math.floor(v + i * dv))
-            inside = 0 <= row < field.shape[0] and 0 <= column < field.shape[1]
-            if not inside or field[row, column] < 200:
+        column_at, column_step = _fixed(u), _fixed((c * x - s * y) * stride)
+        row_at, row_step = _fixed(v), _fixed((s * x + c * y) * stride)
+        for _ in range(int(reach / resolution)):
+            column = np.uint64(column_at >> FRACTION_BITS)
+            row = np.uint64(row_at >> FRACTION_BITS)
+            column_at += column_step
+            row_at += row_step
+            if not (row < rows and column < columns) or field[row, column] < 200:
                 continue
             # What the submap itself has seen through is no wall: people, legs of chairs.
-            row = int(row * shrink + 0.5)
-            column = int(column * shrink + 0.5)
-            if row < free.shape[0] and column < free.shape[1] and free[row, column] == 0:
+            free_row = int(row * shrink + 0.5)
+            free_column = int(column * shrink + 0.5)
+            inside = free_row < free.shape[0] and free_column < free.shape[1]
+            if inside and free[free_row, free_column] == 0:
                 crossing += 1.0
                 break
     return compared, hits, traced, crossing
