@@ -82,6 +82,8 @@ class Pose2:
 
     @staticmethod
     def from_array(values: "FloatArray | tuple[float, float, float] | list[float]") -> "Pose2":
+        if isinstance(values, np.ndarray):
+            values = values.tolist()  # its numbers one by one would take longer
         return Pose2(float(values[0]), float(values[1]), float(values[2]))
 
     def to_array(self) -> FloatArray:

@@ -65,12 +65,14 @@ class Blocks:
         return Blocks(field, maxima, field.origin)
 
     @staticmethod
-    def around(field: CorrelationField, centre: Pose2, reach_m: float) -> "Blocks":
-        """Of the part within `reach_m` of a pose in x and y."""
-        middle = np.array([centre.x, centre.y]) - field.origin
+    def under(field: CorrelationField, points: FloatArray, window: "Window") -> "Blocks":
+        """Of the part in which points (n×2, robot's frame) can lie in a window."""
+        placed = window.centre.apply(points) - field.origin
+        farthest = float(np.hypot(points[:, 0], points[:, 1]).max())
+        reach = window.half_m + farthest * min(window.half_rad, 2.0)
         limit = -(-np.array(field.nodes.shape[::-1]) // NODES_PER_CELL)
-        low = np.floor((middle - reach_m) / SEARCH_RESOLUTION_M)
-        high = np.ceil((middle + reach_m) / SEARCH_RESOLUTION_M)
+        low = np.floor((placed.min(axis=0) - reach) / SEARCH_RESOLUTION_M)
+        high = np.ceil((placed.max(axis=0) + reach) / SEARCH_RESOLUTION_M)
         first = np.clip(low, 0, limit - 1).astype(np.int64)
         columns, rows = np.maximum(np.clip(high, 1, limit).astype(np.int64) - first, 1)
         column, row = first * NODES_PER_CELL
@@ -178,7 +180,8 @@ def _within_cell(
 
 def rotations(points: FloatArray, window: Window) -> FloatArray:
     """Rotations at which the far points move by one cell from one to the next."""
-    reach = float(np.quantile(np.hypot(points[:, 0], points[:, 1]), 0.9))
+    far = np.sort(np.hypot(points[:, 0], points[:, 1]))
+    reach = float(np.interp(0.9 * (len(far) - 1), np.arange(len(far)), far))
     step = SEARCH_RESOLUTION_M / max(reach, SEARCH_RESOLUTION_M)
     step = min(max(step, MIN_ANGLE_STEP_RAD), MAX_ANGLE_STEP_RAD)
     count = max(1, math.ceil(window.half_rad / step))

@@ -7,15 +7,18 @@ from protocol.pose_kernels import apply_inverse
 
 
 @kernel
-def distances(frames, here, circles, starts, ways, reach, out):
-    """How near the way of each submap (k) comes to `here` (x, y), ∞ where not within `reach`.
+def distances(nodes, indices, x0, y0, circles, starts, ways, reach, out):
+    """How near the way of each submap (k) comes to (x0, y0), ∞ where not within `reach`; how many
+    of them are.
 
-    `frames` (k×3) are `T_map_submap`; `ways[starts[i] : starts[i + 1]]` is where the scans of
-    submap i were taken, in its frame, and `circles[i]` (x, y, radius) holds them.
+    `nodes[indices[i]]` is `T_map_submap` of submap i (of `nodes`, m×3); `ways[starts[i] :
+    starts[i + 1]]` is where its scans were taken, in its frame, and `circles[i]` (x, y, radius)
+    holds them.
     """
-    for i in range(frames.shape[0]):
+    within = 0
+    for i in range(indices.shape[0]):
         out[i] = math.inf
-        x, y = apply_inverse(frames[i], here[0], here[1])
+        x, y = apply_inverse(nodes[indices[i]], x0, y0)
         apart = math.sqrt((x - circles[i, 0]) ** 2 + (y - circles[i, 1]) ** 2)
         if apart - circles[i, 2] > reach:
             continue
@@ -25,3 +28,5 @@ def distances(frames, here, circles, starts, ways, reach, out):
         away = math.sqrt(least)
         if away <= reach:
             out[i] = away
+            within += 1
+    return within

@@ -101,18 +101,29 @@ class CandidateFinder:
 
     def near(self, here: Pose2, nodes: FloatArray, reach_m: float) -> list[int]:
         """Places (in `submaps`) of those whose way comes within reach of `here`, nearest first."""
+        away, within = self._distances(here, nodes, reach_m)
+        order: list[int] = away.argsort(kind="stable")[:within].tolist()
+        return order
+
+    def how_many_near(self, here: Pose2, nodes: FloatArray, reach_m: float) -> int:
+        """How many places `near` would return."""
+        return self._distances(here, nodes, reach_m)[1]
+
+    def _distances(self, here: Pose2, nodes: FloatArray, reach_m: float) -> tuple[FloatArray, int]:
+        """How far each submap's way is away, ∞ beyond reach, and how many are not."""
         away = np.empty(len(self._submaps))
-        candidate_kernels.distances(
-            nodes[self._indices],
-            here.to_array(),
+        within = candidate_kernels.distances(
+            nodes,
+            self._indices,
+            here.x,
+            here.y,
             self._circles,
             self._way_starts,
             self._ways,
             reach_m,
             away,
         )
-        order = np.argsort(away, kind="stable")
-        return [int(place) for place in order[: np.count_nonzero(away <= reach_m)]]
+        return away, int(within)
 
     def _unpack(self, place: int) -> Submap:
         """A submap to be searched, for a job too: it is not written to again."""

@@ -176,8 +176,10 @@ class GraphSlam:
         config = self._revisits
         if len(self._front_end.current.keyframes) < config.min_keyframes:
             return
-        near = self._candidates.near(self._here(), self._graph.nodes, config.near_m)
-        if len(near) >= config.enough_submaps:
+        if len(self._candidates.submaps) < config.enough_submaps:
+            return
+        near = self._candidates.how_many_near(self._here(), self._graph.nodes, config.near_m)
+        if near >= config.enough_submaps:
             self._settle(returns)
 
     def _stay_on_known_ground(self, progress: Progress) -> None:

@@ -133,9 +133,7 @@ def _search(
     if submap.finished:
         pyramid = submap.searchable(window.half_m)
     else:
-        reach = window.half_m + float(np.hypot(few.points[:, 0], few.points[:, 1]).max())
-        seen = Blocks.around(submap.field, window.centre, reach)
-        pyramid = Pyramid.of(seen, window.half_m)
+        pyramid = Pyramid.of(Blocks.under(submap.field, few.points, window), window.half_m)
     peak = search(pyramid, few, window, max(SEARCH_FLOOR, first.score))
     return first if peak is None else _better(first, _climb(submap, returns, expected, peak.pose))
 
