@@ -6,7 +6,8 @@ import numpy as np
 
 from protocol.kernel import inlined, kernel
 from protocol.pose_kernels import apply_inverse, compose, exp, wrap
-from robot.perception.field_kernels import expected, look_up
+from robot.perception.field_kernels import expected
+from robot.perception.sampling_kernels import sample
 
 # A Gauss-Newton step is made longer by at most this.
 MAX_STRETCH = 5.0
@@ -16,7 +17,7 @@ MIN_GAIN = 3e-6
 
 @inlined
 def _prepare(returns, count, resolution, sigma_floor, points):
-    """What stays the same from step to step (n×6): x and y in nodes, normal, weight, lever of a
+    """What stays the same from step to step (6×n): x and y in nodes, normal, weight, lever of a
     turn about the robot (m); the weight of all returns if nothing but noise displaced them."""
     full = 0.0
     for k in range(count):
@@ -24,21 +25,22 @@ def _prepare(returns, count, resolution, sigma_floor, points):
         variance = returns[k, 5] * returns[k, 5]
         weight = returns[k, 4] * sigma_floor * sigma_floor / (sigma_floor * sigma_floor + variance)
         full += weight * expected(returns[k, 5], sigma_floor)
-        points[k, 0] = x / resolution
-        points[k, 1] = y / resolution
-        points[k, 2] = nx
-        points[k, 3] = ny
-        points[k, 4] = weight
-        points[k, 5] = ny * x - nx * y
+        points[0, k] = x / resolution
+        points[1, k] = y / resolution
+        points[2, k] = nx
+        points[3, k] = ny
+        points[4, k] = weight
+        points[5, k] = ny * x - nx * y
     return full
 
 
 @inlined
-def _accumulate(field, origin, resolution, pose, points, sigma_floor, H, g):
+def _accumulate(field, origin, resolution, pose, points, sigma_floor, cells, samples, H, g):
     """Σ w M over all points; H and g take the normal equations in the tangent space at the pose.
 
     Iteratively reweighted least squares for Welsch's loss 1 − M: each return counts with weight M
-    and residual −σ² ∇M / M, along its surface normal where it has one.
+    and residual −σ² ∇M / M, along its surface normal where it has one. What is not a sum goes
+    through all points at once; `cells` and `samples` are the work space of that (see `sample`).
     """
     c = math.cos(pose[2])
     s = math.sin(pose[2])
@@ -46,20 +48,23 @@ def _accumulate(field, origin, resolution, pose, points, sigma_floor, H, g):
     v0 = (pose[1] - origin[1]) / resolution
     slope = 1.0 / resolution
     precision = 1.0 / (sigma_floor * sigma_floor)
+    sample(field, u0, v0, c, s, points[0], points[1], cells, samples)
+    weights, values, us, vs = points[4], samples[0], samples[1], samples[2]
+    for k in range(weights.shape[0]):
+        w = weights[k] if values[k] > 0.0 else 0.0
+        gx = w * slope * (c * us[k] + s * vs[k])
+        vs[k] = w * slope * (c * vs[k] - s * us[k])
+        us[k] = gx
+        values[k] = w * values[k]
     total = g0 = g1 = g2 = 0.0
     h00 = h01 = h11 = h02 = h12 = h22 = 0.0
-    for k in range(points.shape[0]):
-        x, y, nx, ny, w = points[k, 0], points[k, 1], points[k, 2], points[k, 3], points[k, 4]
-        value, du, dv = look_up(field, u0 + c * x - s * y, v0 + s * x + c * y)
-        if value <= 0.0:
-            continue
-        total += w * value
-        gx = w * slope * (c * du + s * dv)
-        gy = w * slope * (c * dv - s * du)
-        curvature = w * value * precision
+    for k in range(weights.shape[0]):
+        nx, ny, gx, gy = points[2, k], points[3, k], us[k], vs[k]
+        total += values[k]
+        curvature = values[k] * precision
         if nx != 0.0 or ny != 0.0:
             along = gx * nx + gy * ny
-            lever = points[k, 5]
+            lever = points[5, k]
             g0 += along * nx
             g1 += along * ny
             g2 += along * lever
@@ -70,8 +75,8 @@ def _accumulate(field, origin, resolution, pose, points, sigma_floor, H, g):
             h12 += curvature * ny * lever
             h22 += curvature * lever * lever
         else:
-            x *= resolution
-            y *= resolution
+            x = points[0, k] * resolution
+            y = points[1, k] * resolution
             g0 += gx
             g1 += gy
             g2 += gy * x - gx * y
@@ -163,7 +168,9 @@ def match_returns(
     candidate = pose.copy()
     best = pose.copy()
     best_value = -1e300
-    points = np.empty((count, 6))
+    points = np.empty((6, count))
+    cells = np.empty((6, count), dtype=np.int32)
+    samples = np.empty((5, count))
     full_weight = _prepare(returns, count, resolution, sigma_floor, points)
     best_total = 0.0
     converged = False
@@ -171,7 +178,9 @@ def match_returns(
     halvings = 0
     while iterations < max_iterations:
         iterations += 1
-        total = _accumulate(field, origin, resolution, candidate, points, sigma_floor, H, g)
+        total = _accumulate(
+            field, origin, resolution, candidate, points, sigma_floor, cells, samples, H, g
+        )
         _prior_offset(prior, candidate, offset)
         squared = 0.0
         for i in range(3):
