@@ -131,19 +131,15 @@ class CorrelationField:
 
     def cropped(self) -> "CorrelationField":
         """The same field without the empty margin, in arrays of its own."""
-        used = self.free.astype(bool)
         ratio = round(FREE_RESOLUTION_M / RESOLUTION_M)
-        walls = self.nodes[::ratio, ::ratio].astype(bool)
-        used |= walls[: used.shape[0], : used.shape[1]]
-        rows = np.flatnonzero(used.any(axis=1))
-        columns = np.flatnonzero(used.any(axis=0))
-        if len(rows) == 0:
+        row0, row1, column0, column1 = field_kernels.used_extent(self.nodes, self.free, ratio)
+        if row1 < 0:
             return CorrelationField(
                 np.zeros((3, 3), dtype=np.uint8), np.zeros((2, 2), dtype=np.uint8), self.origin
             )
         # The ridge of a wall may reach a few nodes beyond the last coarse cell that shows it.
-        row0, row1 = max(0, rows[0] - 2), min(used.shape[0], rows[-1] + 3)
-        column0, column1 = max(0, columns[0] - 2), min(used.shape[1], columns[-1] + 3)
+        row0, row1 = max(0, row0 - 2), min(self.free.shape[0], row1 + 3)
+        column0, column1 = max(0, column0 - 2), min(self.free.shape[1], column1 + 3)
         return CorrelationField(
             self.nodes[
                 row0 * ratio : row1 * ratio,

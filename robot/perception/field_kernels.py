@@ -139,6 +139,33 @@ def mark_free(free, origin, resolution, pose, returns, count, margin, max_range)
             row_at += row_step
 
 
+@kernel
+def used_extent(nodes, free, ratio):
+    """First and last row, first and last column of `free` in which it, or the node there (every
+    `ratio`-th), is not 0; the last row is −1 when nothing is."""
+    rows, columns = free.shape
+    first_row, last_row = rows, -1
+    first_column, last_column = columns, -1
+    for row in range(rows):
+        line = nodes[row * ratio]
+        most = 0
+        for column in range(columns):
+            most |= free[row, column] | line[column * ratio]
+        if most == 0:
+            continue
+        first_row = min(first_row, row)
+        last_row = row
+        for column in range(first_column):
+            if free[row, column] | line[column * ratio]:
+                first_column = column
+                break
+        for column in range(columns - 1, last_column, -1):
+            if free[row, column] | line[column * ratio]:
+                last_column = column
+                break
+    return first_row, last_row, first_column, last_column
+
+
 @inlined
 def look_up(field, u, v):
     """Bilinear value and its gradient (per node) at column u, row v; zero outside."""

@@ -1,5 +1,6 @@
 """The returns of a scan as points on surfaces: what is drawn into submaps and matched to them."""
 
+import functools
 import math
 from dataclasses import dataclass
 
@@ -68,17 +69,26 @@ def noise_model(lidar: LidarConfig) -> FloatArray:
     return np.array([linear, growth, per_metre, lidar.sigma_angle_rad])
 
 
+@functools.lru_cache(maxsize=16)
+def _beams(angles: bytes) -> tuple[FloatArray, FloatArray]:
+    """Angles (n) from their bytes, and their cosines and sines (n×2): the same for all scans."""
+    values = np.frombuffer(angles, dtype=np.float64)
+    directions = np.empty((len(values), 2))
+    returns_kernels.directions(values.copy(), directions)
+    return values, directions
+
+
 def describe_returns(scan: LaserScan, noise: FloatArray, max_range_m: float) -> Returns:
     """The returns of a scan up to a range; beams without one (NaN, +inf) leave no trace."""
     ranges = np.array(scan.ranges, dtype=np.float64)
-    angles = np.array(scan.angles, dtype=np.float64)
+    angles, directions = _beams(np.asarray(scan.angles, dtype=np.float64).tobytes())
     increment = float(angles[1] - angles[0])
     wraps = bool(abs(len(angles) * increment - 2.0 * math.pi) < 0.5 * increment)
     values = np.empty((len(ranges), 6))
     links = np.zeros(len(ranges), dtype=np.int64)
     count = returns_kernels.describe_returns(
         ranges,
-        angles,
+        directions,
         increment,
         wraps,
         max_range_m,

@@ -8,13 +8,32 @@ from protocol.kernel import inlined, kernel
 
 
 @kernel
+def directions(angles, out):
+    """Cosines and sines (n×2) of the angles of beams (n)."""
+    for i in range(angles.shape[0]):
+        out[i, 0] = math.cos(angles[i])
+        out[i, 1] = math.sin(angles[i])
+
+
+@kernel
 def describe_returns(
-    ranges, angles, increment, wraps, max_range, max_gap, normal_radius, spacing, noise, out, links
+    ranges,
+    directions,
+    increment,
+    wraps,
+    max_range,
+    max_gap,
+    normal_radius,
+    spacing,
+    noise,
+    out,
+    links,
 ):
     """Points, surface normals, weights and σ of a scan's returns; the number of them is returned.
 
-    `noise` = (σ at 0 m, growth per metre, variance per metre, σ of the angle). `out` (n×6) takes
-    x, y, normal x, normal y, weight, σ; the normal is (0, 0) where the neighbours lie on no line.
+    `ranges` (n) lie along `directions` (n×2). `noise` = (σ at 0 m, growth per metre, variance per
+    metre, σ of the angle). `out` (n×6) takes x, y, normal x, normal y, weight, σ; the normal is
+    (0, 0) where the neighbours lie on no line.
     A return on a surface is moved onto the line through its neighbours, as far as noise explains,
     and its σ is the one across the surface: range noise along a grazing ray does not count there.
     `links[i]` is 1 when return i and the next lie on one surface.
@@ -25,8 +44,8 @@ def describe_returns(
     for i in range(n):
         r = ranges[i]
         if math.isfinite(r) and r <= max_range:
-            out[count, 0] = r * math.cos(angles[i])
-            out[count, 1] = r * math.sin(angles[i])
+            out[count, 0] = r * directions[i, 0]
+            out[count, 1] = r * directions[i, 1]
             sigma_r = noise[0] + noise[1] * r
             variance = sigma_r * sigma_r + noise[2] * r + (r * noise[3]) ** 2
             out[count, 5] = math.sqrt(variance)

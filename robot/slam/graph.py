@@ -94,9 +94,11 @@ class GraphSlam:
             elif progress.moved:
                 self._look_for_loops(tick, progress.returns)
                 self._settle_where_known(progress.returns)
-            self._keep(tick, scan)
+        here = self._here()
+        if scan is not None:
+            self._keep(tick, scan, here)
         self._trajectory.append(self._front_end.current.index, self._front_end.pose)
-        return self._estimate()
+        return Estimate(here, self._covariance())
 
     def take_entries(self) -> list[Entry]:
         entries, self._entries = self._entries, []
@@ -231,10 +233,9 @@ class GraphSlam:
 
     # what is handed on
 
-    def _keep(self, tick: int, scan: LaserScan) -> None:
+    def _keep(self, tick: int, scan: LaserScan, pose: Pose2) -> None:
         """Hand a keyframe to the journal when the robot has moved on since the last one."""
         front_end, config = self._front_end, self._config.front_end
-        pose = self._here()
         if self._last_keyframe is not None:
             near = self._last_keyframe.distance_to(pose) < config.journal_m
             turned = abs(wrap_angle(pose.theta - self._last_keyframe.theta))
@@ -255,11 +256,11 @@ class GraphSlam:
             return False
         return self._kept.take(pose, self._revisits)
 
-    def _estimate(self) -> Estimate:
+    def _covariance(self) -> FloatArray:
+        """Of where the robot is (3×3)."""
         front_end = self._front_end
         anchor = front_end.current.index
-        covariance = advance(self._graph.covariance(anchor), front_end.pose, front_end.covariance)
-        return Estimate(self._graph.pose(anchor) @ front_end.pose, covariance)
+        return advance(self._graph.covariance(anchor), front_end.pose, front_end.covariance)
 
 
 def close_loops(
