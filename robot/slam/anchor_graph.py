@@ -156,7 +156,8 @@ def optimise_anchors(
         graph.nodes, edge_nodes, measurements, information, fixed, robust, CAUCHY_SQUARED
     )
     solution = minimise(problem, problem.nodes, max_iterations)
-    problem.linearise(solution.nodes)
+    if problem.linearised_at is not solution.nodes:
+        problem.linearise(solution.nodes)
     problem.factorise()
     covariance = problem.covariance(len(solution.nodes) - 1)
     return Optimised(solution.nodes, covariance)

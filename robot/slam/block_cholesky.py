@@ -29,9 +29,9 @@ class BlockCholesky:
     def __init__(self, count: int, pairs: IntArray) -> None:
         self.count = count
         self.order = _minimum_degree(count, pairs)
-        ends = np.sort(self.order[pairs], axis=1)
-        keys, slots = np.unique(ends[:, 1] * count + ends[:, 0], return_inverse=True)
-        self.slots: IntArray = slots.astype(np.int64)
+        of_pairs = _keys(count, self.order[pairs])
+        keys = _distinct(of_pairs)
+        self.slots: IntArray = np.searchsorted(keys, of_pairs)
         self._starts: IntArray = np.searchsorted(keys, np.arange(count + 1) * count)
         self._columns: IntArray = keys % max(count, 1)
         self.lower_count = len(keys)
@@ -103,14 +103,27 @@ class BlockCholesky:
         return self._column_starts, self._column_rows, self._blocks, self._inverses, self._work
 
 
+def _keys(count: int, pairs: IntArray) -> IntArray:
+    """Of pairs (k×2) in either order: their places (k) in a lower triangle, row by row."""
+    first, second = pairs[:, 0], pairs[:, 1]
+    return np.maximum(first, second) * count + np.minimum(first, second)
+
+
+def _distinct(keys: IntArray) -> IntArray:
+    """The keys in ascending order, each once: np.unique takes several times as long for few."""
+    keys = np.sort(keys)
+    new = np.ones(len(keys), dtype=np.bool_)
+    np.not_equal(keys[1:], keys[:-1], out=new[1:])
+    return keys[new]
+
+
 def _minimum_degree(count: int, pairs: IntArray) -> IntArray:
     """Where each block should stand so that little fills in."""
     if count == 0:
         return np.empty(0, dtype=np.int64)
     # Of the graph's Laplacian, the upper triangle by columns: what SciPy would be slow to sort.
     each = np.arange(count)
-    of_pairs = np.unique(pairs.max(axis=1, initial=0) * count + pairs.min(axis=1, initial=count))
-    keys = np.sort(np.concatenate([of_pairs, each * count + each]))
+    keys = _distinct(np.concatenate([_keys(count, pairs), each * count + each]))
     rows, columns = keys % count, keys // count
     diagonal = rows == columns
     values = np.full(len(keys), -1.0)

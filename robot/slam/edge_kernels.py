@@ -5,14 +5,31 @@ import math
 import numpy as np
 
 from protocol.kernel import inlined, kernel
-from protocol.pose_kernels import apply_inverse, wrap
+from protocol.pose_kernels import wrap
 
 
 @inlined
 def error(nodes, i, j, measurement, out):
     """e = measurement⁻¹ ∘ (node i)⁻¹ ∘ (node j) as (x, y, θ); returns T_i_j's x and y."""
-    x, y = apply_inverse(nodes[i], nodes[j, 0], nodes[j, 1])
-    out[0], out[1] = apply_inverse(measurement, x, y)
+    c = math.cos(nodes[i, 2])
+    s = math.sin(nodes[i, 2])
+    cz = math.cos(measurement[2])
+    sz = math.sin(measurement[2])
+    return error_turned(nodes, i, j, measurement, c, s, cz, sz, out)
+
+
+@inlined
+def error_turned(nodes, i, j, measurement, c, s, cz, sz, out):
+    """The same, where cosine and sine of node i's heading and of the measurement's turn are known:
+    they take longer than all the rest."""
+    dx = nodes[j, 0] - nodes[i, 0]
+    dy = nodes[j, 1] - nodes[i, 1]
+    x = c * dx + s * dy
+    y = -s * dx + c * dy
+    dx = x - measurement[0]
+    dy = y - measurement[1]
+    out[0] = cz * dx + sz * dy
+    out[1] = -sz * dx + cz * dy
     out[2] = wrap(nodes[j, 2] - nodes[i, 2] - measurement[2])
     return x, y
 
@@ -37,10 +54,9 @@ def squared_errors(nodes, edge_nodes, measurements, information, out):
 
 
 @inlined
-def jacobians(measurement, e, lx, ly, A, B):
-    """∂e/∂(node i) and ∂e/∂(node j) in each node's own frame; (lx, ly) is what `error` returns."""
-    cz = math.cos(measurement[2])
-    sz = math.sin(measurement[2])
+def jacobians(cz, sz, e, lx, ly, A, B):
+    """∂e/∂(node i) and ∂e/∂(node j) in each node's own frame; (lx, ly) is what `error` returns,
+    (cz, sz) the cosine and sine of the measurement's turn."""
     A[0, 0] = -cz
     A[0, 1] = -sz
     A[1, 0] = sz

@@ -7,7 +7,7 @@ import numpy as np
 from protocol.kernel import inlined, kernel
 from protocol.pose_kernels import compose, wrap
 from robot.slam.cholesky_kernels import spread
-from robot.slam.edge_kernels import error, jacobians, squared
+from robot.slam.edge_kernels import error, error_turned, jacobians, squared
 
 
 @kernel
@@ -38,20 +38,27 @@ def linearise(
     B = np.zeros((3, 3))
     WA = np.empty((3, 3))
     WB = np.empty((3, 3))
+    headings = np.empty((nodes.shape[0], 2))
+    for n in range(nodes.shape[0]):
+        headings[n, 0] = math.cos(nodes[n, 2])
+        headings[n, 1] = math.sin(nodes[n, 2])
     cost = 0.0
     for k in range(edge_nodes.shape[0]):
         if weights[k] == 0.0:
             continue
         i = edge_nodes[k, 0]
         j = edge_nodes[k, 1]
-        lx, ly = error(nodes, i, j, measurements[k], e)
+        cz = math.cos(measurements[k, 2])
+        sz = math.sin(measurements[k, 2])
+        c, s = headings[i, 0], headings[i, 1]
+        lx, ly = error_turned(nodes, i, j, measurements[k], c, s, cz, sz, e)
         s = weights[k] * squared(e, information[k])
         weight = weights[k]
         if robust[k]:
             weight /= 1.0 + s / cauchy2
             s = cauchy2 * math.log1p(s / cauchy2)
         cost += s
-        jacobians(measurements[k], e, lx, ly, A, B)
+        jacobians(cz, sz, e, lx, ly, A, B)
         for r in range(3):
             for c in range(3):
                 wa = 0.0
@@ -110,7 +117,9 @@ def innovations(
         i = edge_nodes[q, 0]
         j = edge_nodes[q, 1]
         lx, ly = error(nodes, i, j, measurements[q], errors[q])
-        jacobians(measurements[q], errors[q], lx, ly, A, B)
+        cz = math.cos(measurements[q, 2])
+        sz = math.sin(measurements[q, 2])
+        jacobians(cz, sz, errors[q], lx, ly, A, B)
         spread(
             column_starts,
             column_rows,

@@ -65,6 +65,8 @@ class NormalEquations:
         self._lower = np.zeros((self._factor.lower_count, 9))
         self.gradient = np.zeros((count, 3))
         """−g (count×3), in the order of `blocks`."""
+        self.linearised_at: FloatArray | None = None
+        """The nodes at which the equations were taken last."""
 
     def chi2(self, nodes: FloatArray) -> float:
         """Σ eᵀΩe, by weight."""
@@ -81,6 +83,7 @@ class NormalEquations:
     def linearise(self, nodes: FloatArray) -> float:
         """Take the normal equations at these nodes. The cost there: Σ eᵀΩe by weight, robust edges
         by their kernel."""
+        self.linearised_at = nodes
         return float(
             normal_equation_kernels.linearise(
                 nodes,
@@ -100,11 +103,13 @@ class NormalEquations:
 
     def linearise_headings(self, nodes: FloatArray) -> None:
         """Those of the headings as complex numbers of any length (see `chordal`)."""
+        self.linearised_at = None
         chordal_kernels.linearise_headings(nodes, *self._arrays())
 
     def place(self, nodes: FloatArray) -> FloatArray:
         """The nodes with the positions that suit their headings best; as they are where the
         positions are not determined. Edges count by weight, without a kernel."""
+        self.linearised_at = None
         chordal_kernels.linearise_positions(nodes, *self._arrays())
         positions = self.solve()
         placed = nodes.copy()

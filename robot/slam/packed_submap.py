@@ -26,12 +26,15 @@ class PackedGrid:
 
     @staticmethod
     def of(grid: ByteArray) -> "PackedGrid":
-        whole = np.zeros(-(-grid.size // RUN) * RUN, dtype=np.uint8)
-        whole[: grid.size] = grid.ravel()
-        runs = whole.view(np.uint64)
-        marks = runs != 0
+        flat, whole = grid.ravel(), grid.size // RUN * RUN
+        rest = np.zeros(RUN if whole < grid.size else 0, dtype=np.uint8)
+        rest[: grid.size - whole] = flat[whole:]
+        parts = [part.view(np.uint64) for part in (flat[:whole], rest)]
+        marks = [part != 0 for part in parts]
+        held = [part[mark].tobytes() for part, mark in zip(parts, marks, strict=True)]
         rows, columns = grid.shape
-        return PackedGrid(np.packbits(marks).tobytes(), runs[marks].tobytes(), (rows, columns))
+        bits = np.packbits(np.concatenate(marks))
+        return PackedGrid(bits.tobytes(), b"".join(held), (rows, columns))
 
     def unpack(self) -> ByteArray:
         """The array, to be written to like any other: kernels take no others."""
