@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from protocol.config import LidarConfig
 from protocol.pose import IDENTITY, FloatArray, Pose2, wrap_angle
+from robot.perception.field import CorrelationField
 from robot.perception.matching import Match
 from robot.perception.odometry import Motion
 from robot.perception.returns import Returns, describe_returns, noise_model
@@ -43,11 +44,14 @@ class Progress:
 class FrontEnd:
     """Pose in the frame of the current submap's anchor, with covariance."""
 
+    TRANSIENT = ("_spare",)
+
     def __init__(self, lidar: LidarConfig, config: FrontEndConfig) -> None:
         self._config = config
         self._noise = noise_model(lidar)
         self._range_m = min(lidar.max_range_m, config.usable_range_m)
         self._newest = -1
+        self._spare: CorrelationField | None = None  # empty, for the next submap
         self.current = self._new_submap()
         self._next: Submap | None = None
         self._T_current_next = IDENTITY
@@ -95,6 +99,7 @@ class FrontEnd:
         for filling in left:
             filling.finish()
         self.current, self._next = submap, None
+        self._spare = None  # on known ground no submap is started soon
         self._enter(T_submap_base @ self.pose.inverse(), T_submap_base)
         return left
 
@@ -110,7 +115,9 @@ class FrontEnd:
 
     def _new_submap(self) -> Submap:
         self._newest += 1
-        return Submap.start(self._newest, self._range_m + self._config.submap_m + 0.5)
+        spare, self._spare = self._spare, None
+        extent_m = self._range_m + self._config.submap_m + 0.5
+        return Submap.start(self._newest, extent_m, spare)
 
     def _enter(self, T_new_old: Pose2, pose: Pose2) -> None:
         """Go on at a pose in the frame of another submap, where this scan counts as drawn."""
@@ -152,5 +159,5 @@ class FrontEnd:
         to_next = self._T_current_next.inverse()
         self._enter(to_next, to_next @ self.pose)
         self._next = None
-        finished.finish()
+        self._spare = finished.finish()
         return finished

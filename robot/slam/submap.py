@@ -25,9 +25,11 @@ class Submap:
     """What searches look at, of a finished one: made when it is first asked for."""
 
     @staticmethod
-    def start(index: int, extent_m: float) -> "Submap":
-        """An empty submap; the extent holds the sensor's range and the submap's own travel."""
-        return Submap(index, CorrelationField.around(extent_m))
+    def start(index: int, extent_m: float, spare: CorrelationField | None = None) -> "Submap":
+        """An empty submap; the extent holds the sensor's range and the submap's own travel.
+
+        `spare` is an empty field of that extent, if there is one."""
+        return Submap(index, spare or CorrelationField.around(extent_m))
 
     def insert(self, T_anchor_base: Pose2, returns: Returns) -> None:
         """Draw a scan, and count the travel from the one before."""
@@ -37,10 +39,12 @@ class Submap:
         self.keyframes.append(T_anchor_base.to_array())
         self.field.draw(T_anchor_base, returns)
 
-    def finish(self) -> None:
-        """Give back the memory of the empty margin."""
-        self.field = self.field.cropped()
+    def finish(self) -> CorrelationField:
+        """Keep the field without its empty margin; the large one is returned, empty again."""
+        large, self.field = self.field, self.field.cropped()
         self.finished = True
+        large.clear()
+        return large
 
     def searchable(self, half_m: float) -> Pyramid:
         """What a search of a finished submap in a window of ± `half_m` looks at.
