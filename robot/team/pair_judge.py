@@ -42,10 +42,11 @@ MIN_SIGHTINGS = 2
 MAX_SIGHTED_CROSSING = 0.10
 # Another alignment that comes this near to the best in worth leaves it open which is right, unless
 # so many more rays cross walls by it than by the best; one of less worth does if the maps agree by
-# it as they would have to by few places.
+# it as they would have to by few places, and over as much wall, or half of what they share by the
+# best: maps that hardly touch contradict nothing.
 RIVAL_WORTH = 0.6
 RIVAL_CROSSING, RIVAL_FACTOR, MAX_RIVAL_CROSSING = 0.01, 2.5, 0.08
-RIVAL_HITS = 0.90
+RIVAL_HITS, RIVAL_WALLS = 0.90, 0.5
 # Sets of matches that err by a little more than they should disagree, and yet lay the maps in the
 # same way: what comes to lie this near, once both are where they lie best, is no other alignment.
 SAME_M, SAME_RAD = 0.3, 0.05
@@ -201,7 +202,8 @@ class PairJudge:
             least = where.overlap.crossing
             worse = max(least + RIVAL_CROSSING, RIVAL_FACTOR * least)
             return overlap.crossing <= min(worse, MAX_RIVAL_CROSSING)
-        return overlap.crossing <= FEW.crossing and overlap.hits >= RIVAL_HITS
+        shared = overlap.walls_m >= min(FEW.walls_m, RIVAL_WALLS * where.overlap.walls_m)
+        return shared and overlap.crossing <= FEW.crossing and overlap.hits >= RIVAL_HITS
 
     def _lay_over(self, hypothesis: Hypothesis, a: LogName, b: LogName) -> _Laid:
         """The whole maps as a hypothesis bends them together, and shifted to where they lie best:
