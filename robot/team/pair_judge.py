@@ -33,10 +33,21 @@ class Demands:
     hits: float
     crossing: float
 
+    def are_met_by(self, hypothesis: Hypothesis) -> bool:
+        """Whether the matches of a hypothesis come up to them, whatever the maps say."""
+        return (
+            hypothesis.places >= self.places
+            and hypothesis.worth >= self.worth
+            and hypothesis.ambiguity <= self.ambiguity
+        )
+
 
 # Of few places the maps must say more: that they agree to the last bit, over more than a room.
 MANY = Demands(places=3, worth=1.2, ambiguity=1.0, walls_m=25.0, hits=0.80, crossing=0.06)
+COUPLE = Demands(places=2, worth=1.2, ambiguity=0.6, walls_m=25.0, hits=0.85, crossing=0.015)
 FEW = Demands(places=1, worth=0.4, ambiguity=0.85, walls_m=35.0, hits=0.85, crossing=0.015)
+# Of the walls that both have seen so many from the same side: two sides of a wall match as well.
+MIN_FACED = 0.7
 # Two sightings each of which says who was seen need no look-alike places to be ruled out.
 MIN_SIGHTINGS = 2
 MAX_SIGHTED_CROSSING = 0.10
@@ -168,8 +179,8 @@ class PairJudge:
             return State.TENTATIVE, "the matches are worth too little"
         overlap = laid.overlap
         sighted = best.sightings >= MIN_SIGHTINGS
-        many = best.places >= MANY.places and best.worth >= MANY.worth
-        demands = MANY if many else FEW
+        demands = next((one for one in (MANY, COUPLE) if one.are_met_by(best)), FEW)
+        many = demands is MANY
         # What few places say is too little to hold anything against the maps.
         unlike = State.CONTRADICTORY if many or sighted else State.TENTATIVE
         if overlap.crossing > (MAX_SIGHTED_CROSSING if sighted else demands.crossing):
@@ -178,6 +189,8 @@ class PairJudge:
             return State.ALIGNED, f"{best.sightings} sightings agree"
         if overlap.hits < demands.hits:
             return unlike, f"only {overlap.hits:.0%} of the returns lie on walls"
+        if overlap.faced < MIN_FACED:
+            return State.TENTATIVE, "walls were seen from different sides"
         if best.ambiguity > demands.ambiguity:
             return State.TENTATIVE, "the places look like others"
         if overlap.walls_m < demands.walls_m:

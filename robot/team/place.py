@@ -182,9 +182,7 @@ def _together(poses: FloatArray, scans: tuple[Returns, ...], extent: float) -> R
     """All returns of the scans, in the frame of the place, normals towards who saw them."""
     parts = []
     for pose, scan in zip(poses, scans, strict=True):
-        values = scan.values.copy()
-        away = (values[:, :2] * values[:, 2:4]).sum(axis=1) > 0.0
-        values[away, 2:4] *= -1.0
+        values = scan.facing().values
         values[:, :2] = Pose2.from_array(pose).apply(values[:, :2])
         values[:, 2:4] = Pose2(0.0, 0.0, float(pose[2])).apply(values[:, 2:4])
         parts.append(values)
