@@ -17,7 +17,8 @@ from robot.team.joint import JointGraph, Solution, solve
 from robot.team.journal import LogName
 from robot.team.near_matches import near_matches
 from robot.team.place import Place, make_place, searched, stretches
-from robot.team.place_match import find_place, make_pyramid
+from robot.team.place_match import find_place
+from robot.team.place_search import SearchGround
 
 Progress = Callable[[int, int], None]
 
@@ -81,11 +82,11 @@ def find_everywhere(
         if b != a
         for theirs in places[b]
     ]
-    pyramid, of = None, None
+    ground = None
     for done, (a, b, ours, theirs) in enumerate(pairs):
-        if pyramid is None or of is not ours:
-            pyramid, of = make_pyramid(ours), ours
-        for match in find_place(ours, pyramid, theirs):
+        if ground is None or ground.place is not ours:
+            ground = SearchGround.of(ours)
+        for match in find_place(ground, theirs):
             link = Link(
                 ours.anchor, b, theirs.anchor, match.T_a_b, match.information, match.evidence
             )

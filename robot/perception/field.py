@@ -19,6 +19,8 @@ SIGMA_M = 0.03
 FREE_RESOLUTION_M = 0.1
 # A ray is free up to this distance before its return, where the ridge of the wall begins.
 FREE_MARGIN_M = 0.15
+# What was seen of a wall has free ground so far in front of it.
+FRONT_M = 0.3
 # From this share of what the field is expected to be there, a return is on a wall.
 HIT_LEVEL = 0.15
 # Rays that end nearer than this behind a wall touch it rather than cross it.
@@ -124,10 +126,28 @@ class CorrelationField:
 
     def on_walls(self, points: FloatArray) -> int:
         """How many of n×2 points (m, field frame) lie on walls."""
-        cells = np.floor((points - self.origin) / RESOLUTION_M + 0.5).astype(np.int64)
-        inside = (cells >= 0).all(axis=1) & (cells < self.nodes.shape[::-1]).all(axis=1)
-        columns, rows = cells[inside].T
-        return int((self.nodes[rows, columns] >= HIT_LEVEL * 255.0).sum())
+        return int((_at(self.nodes, points, self.origin, RESOLUTION_M) >= HIT_LEVEL * 255.0).sum())
+
+    def hits(self, points: FloatArray) -> float:
+        """The share on walls of n×2 points (m, field frame) that lie where this field knows the
+        place; 0 where none does."""
+        known = _at(self.free, points, self.origin, FREE_RESOLUTION_M) > 0
+        walls = _at(self.nodes, points, self.origin, RESOLUTION_M) >= HIT_LEVEL * 255.0
+        return float(walls.sum() / max(1, (walls | known).sum()))
+
+    def faced(self, points: FloatArray, normals: FloatArray) -> float:
+        """Of n×2 points (m) of surfaces with normals (n×2, field frame) towards who saw them, the
+        share of those on walls that this field knows from the same side; 1 if none is on a wall.
+
+        A wall that was seen from the other side lies there too, by as much off as it is thick.
+        """
+        lined = np.abs(normals).sum(axis=1) > 0.0
+        points, normals = points[lined], normals[lined]
+        walls = _at(self.nodes, points, self.origin, RESOLUTION_M) >= HIT_LEVEL * 255.0
+        front = points[walls] + FRONT_M * normals[walls]
+        if len(front) == 0:
+            return 1.0
+        return float((_at(self.free, front, self.origin, FREE_RESOLUTION_M) > 0).mean())
 
     def cropped(self) -> "CorrelationField":
         """The same field without the empty margin, in arrays of its own."""
@@ -153,3 +173,13 @@ class CorrelationField:
             self.free[row0:row1, column0:column1],
             self.origin + np.array([column0, row0]) * FREE_RESOLUTION_M,
         )
+
+
+def _at(grid: ByteArray, points: FloatArray, origin: FloatArray, resolution: float) -> ByteArray:
+    """The values (n) of a grid at n×2 points, 0 beyond it."""
+    cells = np.floor((points - origin) / resolution + 0.5).astype(np.int64)
+    inside = (cells >= 0).all(axis=1) & (cells < grid.shape[::-1]).all(axis=1)
+    values = np.zeros(len(points), dtype=np.uint8)
+    columns, rows = cells[inside].T
+    values[inside] = grid[rows, columns]
+    return values

@@ -46,6 +46,13 @@ class Returns:
         """How far away they are, half of them farther."""
         return float(returns_kernels.median_range(self.values))
 
+    def facing(self) -> "Returns":
+        """The same with normals towards the sensor."""
+        values = self.values.copy()
+        away = (values[:, :2] * values[:, 2:4]).sum(axis=1) > 0.0
+        values[away, 2:4] *= -1.0
+        return Returns(values, self.links)
+
     def thinned(self, limit: int) -> "Returns":
         """At most `limit` of the returns, spread evenly over the weight, for a search."""
         weight = self.values[:, 4]

@@ -164,6 +164,83 @@ def branch_and_bound(
     return best, second, nodes
 
 
+@inlined
+def _is_near(found, count, turns, angle, row, column, size, exclusion_cells, exclusion_turn):
+    """Whether a block of offsets lies wholly in the exclusion zone of one of the peaks found."""
+    for k in range(count):
+        if (
+            abs(turns[angle] - turns[found[k, 1]]) < exclusion_turn
+            and abs(row - found[k, 2]) < exclusion_cells
+            and abs(row + size - 1 - found[k, 2]) < exclusion_cells
+            and abs(column - found[k, 3]) < exclusion_cells
+            and abs(column + size - 1 - found[k, 3]) < exclusion_cells
+        ):
+            return True
+    return False
+
+
+@kernel
+def find_peaks(
+    pyramid,
+    cells,
+    turns,
+    half_rows,
+    half_columns,
+    exclusion_cells,
+    exclusion_turn,
+    floor,
+    share,
+    most,
+    max_nodes,
+):
+    """The best offsets of rotated points on a field, each outside the exclusion zones of better
+    ones; all as in `branch_and_bound`.
+
+    They come in order, until one has less than `share` of the best or there are `most`. Returns
+    peaks (k×4: total, angle, row, column).
+    """
+    top = pyramid.shape[0] - 1
+    size = 1 << top
+    heap = [(0, 0, 0, 0, 0)]
+    heap.clear()
+    for angle in range(cells.shape[0]):
+        for row in range(-half_rows, half_rows + 1, size):
+            for column in range(-half_columns, half_columns + 1, size):
+                total = bound_of(pyramid, top, cells, angle, row, column)
+                if total > floor:
+                    heap.append((-total, top, angle, row, column))
+    heapq.heapify(heap)
+    found = np.zeros((most, 4), dtype=np.int64)
+    count = 0
+    nodes = 0
+    while len(heap) > 0 and count < most:
+        negative, level, angle, row, column = heapq.heappop(heap)
+        nodes += 1
+        if nodes > max_nodes or -negative < share * found[0, 0]:
+            break
+        size = 1 << level
+        if _is_near(found, count, turns, angle, row, column, size, exclusion_cells, exclusion_turn):
+            continue
+        if level == 0:
+            found[count, 0] = -negative
+            found[count, 1] = angle
+            found[count, 2] = row
+            found[count, 3] = column
+            count += 1
+            continue
+        half = 1 << (level - 1)
+        for i in range(2):
+            for j in range(2):
+                r = row + i * half
+                c = column + j * half
+                if r > half_rows or c > half_columns:
+                    continue
+                total = bound_of(pyramid, level - 1, cells, angle, r, c)
+                if total > floor:
+                    heapq.heappush(heap, (-total, level - 1, angle, r, c))
+    return found[:count]
+
+
 @kernel
 def best_nearby(field, origin, resolution, points, centre, reach, steps, turn, best):
     """`best` takes the pose with the most of the field under the points (n×2), of those on a grid

@@ -3,6 +3,9 @@
 from dataclasses import dataclass
 from enum import IntEnum
 
+# A sighting says who was seen, so one is worth more than a look-alike place can be.
+SIGHTING_WEIGHT = 2.0
+
 
 class Kind(IntEnum):
     """How a link was found: near where both maps already put it, by the look of a place with no
@@ -31,3 +34,14 @@ class Evidence:
 
 
 ASSUMED = Evidence()
+
+
+def weight_of(evidence: Evidence) -> float:
+    """What a match is worth by itself, 0…1 for a place: one without contradiction, whose surfaces
+    agree and which covers much, unlike what is found elsewhere."""
+    if evidence.kind == Kind.SIGHTING:
+        return SIGHTING_WEIGHT
+    agreeing = max(0.0, (evidence.hits - 0.6) / 0.4)
+    crossing = max(0.0, 1.0 - evidence.crossing / 0.12)
+    covering = min(1.0, evidence.overlap / 0.5)
+    return agreeing * crossing * covering

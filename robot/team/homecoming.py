@@ -20,7 +20,8 @@ from robot.team.evidence import Kind
 from robot.team.joint import JointGraph
 from robot.team.journal import LogName
 from robot.team.place import Stretch, make_place
-from robot.team.place_match import find_place, make_pyramid
+from robot.team.place_match import find_place
+from robot.team.place_search import SearchGround
 
 JOB = "homecoming"
 EVERY_TICKS = 5
@@ -81,7 +82,7 @@ def come_home(graph: JointGraph, own: LogName, before: LogName, noise: FloatArra
     count = len(old_log.keyframes)
     old = make_place(old_log, Stretch(0, max(0, count - LAST_KEYFRAMES), count), noise)
     new = make_place(new_log, Stretch(0, 0, len(new_log.keyframes)), noise)
-    for match in find_place(old, make_pyramid(old), new):
+    for match in find_place(SearchGround.of(old), new):
         (stands,) = match.T_a_b.apply(new.keyframes[:1, :2])
         if float(np.hypot(*(stands - old.keyframes[-1, :2]))) <= RETURN_M:
             T_new_old = match.T_a_b.inverse()

@@ -7,15 +7,13 @@ import numpy as np
 from protocol.pose import FloatArray, Pose2
 from robot.slam.gaussian import carry, invert_spd
 from robot.team.consistency import Matches, consistent_sets, gathered_covariance, worth
-from robot.team.evidence import Evidence, Kind
+from robot.team.evidence import Evidence, Kind, weight_of
 from robot.team.joint import Group, JointGraph, LinkName, Solution, solve
 from robot.team.journal import LogName
 from robot.team.log_graph import LogGraph
 
 MAX_MATCHES = 150
 MAX_HYPOTHESES = 6
-# A sighting says who was seen, so one is worth more than a look-alike place can be.
-SIGHTING_WEIGHT = 2.0
 # A step of a chain that says so little (m², rad²) was not driven: the robot went on in another
 # submap for a while, and a closure holds the anchor. At its word it would let all matches agree.
 UNTIED = 1.0
@@ -90,17 +88,6 @@ class LoneLogs:
         if name not in self._solved:
             self._solved[name] = solve_alone(self._graph, name)
         return self._solved[name]
-
-
-def weight_of(evidence: Evidence) -> float:
-    """What a match is worth by itself, 0…1 for a place: one without contradiction, whose surfaces
-    agree and which covers much, unlike what is found elsewhere."""
-    if evidence.kind == Kind.SIGHTING:
-        return SIGHTING_WEIGHT
-    agreeing = max(0.0, (evidence.hits - 0.6) / 0.4)
-    crossing = max(0.0, 1.0 - evidence.crossing / 0.12)
-    covering = min(1.0, evidence.overlap / 0.5)
-    return agreeing * crossing * covering
 
 
 def hypotheses(graph: JointGraph, lone: LoneLogs, a: LogName, b: LogName) -> list[Hypothesis]:

@@ -36,7 +36,8 @@ class LogScans:
 
 @dataclass(frozen=True, slots=True)
 class LogMap:
-    """Scans at poses (k×3), what they drew, and the walls, spread evenly, all in one frame."""
+    """Scans at poses (k×3), what they drew, and the walls, spread evenly, with normals towards the
+    robot, all in one frame."""
 
     poses: FloatArray
     scans: tuple[Returns, ...]
@@ -47,13 +48,15 @@ class LogMap:
 @dataclass(frozen=True, slots=True)
 class Overlap:
     """How two maps lie on each other; shares as in Evidence, `walls_m` the length of wall that
-    both have seen and agree on, each stretch counted once, `crossing_mean` that of both ways."""
+    both have seen and agree on, each stretch counted once, `crossing_mean` that of both ways;
+    `faced` the share of those walls that both have seen from the same side."""
 
     overlap: float
     hits: float
     crossing: float
     walls_m: float
     crossing_mean: float
+    faced: float
 
 
 def choose_scans(log: LogGraph, anchors: FloatArray, noise: FloatArray) -> LogScans:
@@ -82,7 +85,7 @@ def draw_log(log: LogGraph, scans: LogScans, anchors: FloatArray) -> LogMap:
     for pose, scan in zip(poses, scans.scans, strict=True):
         placed = Pose2.from_array(pose)
         field.draw(placed, scan)
-        values = scan.values.copy()
+        values = scan.facing().values
         values[:, :2] = placed.apply(values[:, :2])
         values[:, 2:4] = Pose2(0.0, 0.0, placed.theta).apply(values[:, 2:4])
         points.append(values)
@@ -110,20 +113,24 @@ def closest(a: LogMap, b: LogMap) -> Pose2:
 
 def lay_over(a: LogMap, b: LogMap, T_a_b: Pose2 = IDENTITY) -> Overlap:
     """How two maps lie on each other, the second one shifted; the worse of both ways counts."""
-    (on_a, walls_a), (on_b, walls_b) = _one_way(a, b, T_a_b), _one_way(b, a, T_a_b.inverse())
+    on_a, walls_a, faced_a = _one_way(a, b, T_a_b)
+    on_b, walls_b, faced_b = _one_way(b, a, T_a_b.inverse())
     return Overlap(
         max(on_a.overlap, on_b.overlap),
         min(on_a.hits, on_b.hits),
         max(on_a.crossing, on_b.crossing),
         min(walls_a, walls_b),
         0.5 * (on_a.crossing + on_b.crossing),
+        min(faced_a, faced_b),
     )
 
 
-def _one_way(a: LogMap, b: LogMap, T_a_b: Pose2) -> tuple[Overlay, float]:
+def _one_way(a: LogMap, b: LogMap, T_a_b: Pose2) -> tuple[Overlay, float, float]:
     total, weight = np.zeros(4), 0.0
     for pose, scan in zip(b.poses, b.scans, strict=True):
         total += a.field.compare(T_a_b @ Pose2.from_array(pose), scan)
         weight += float(scan.values[:, 4].sum())
     walls = T_a_b.apply(b.walls.points.copy())
-    return Overlay.of(total, weight), WALL_SPACING_M * a.field.on_walls(walls)
+    normals = Pose2(0.0, 0.0, T_a_b.theta).apply(b.walls.values[:, 2:4].copy())
+    faced = a.field.faced(walls, normals)
+    return Overlay.of(total, weight), WALL_SPACING_M * a.field.on_walls(walls), faced

@@ -12,7 +12,7 @@ whole maps are laid over each other as it says. A pair is
 from dataclasses import dataclass
 from enum import Enum
 
-from protocol.pose import FloatArray, Pose2
+from protocol.pose import FloatArray, Pose2, wrap_angle
 from robot.team.evidence import Kind
 from robot.team.hypothesis import Hypothesis, LoneLogs, hypotheses
 from robot.team.joint import JointGraph, LinkName
@@ -33,19 +33,34 @@ class Demands:
     hits: float
     crossing: float
 
+    def are_met_by(self, hypothesis: Hypothesis) -> bool:
+        """Whether the matches of a hypothesis come up to them, whatever the maps say."""
+        return (
+            hypothesis.places >= self.places
+            and hypothesis.worth >= self.worth
+            and hypothesis.ambiguity <= self.ambiguity
+        )
+
 
 # Of few places the maps must say more: that they agree to the last bit, over more than a room.
 MANY = Demands(places=3, worth=1.2, ambiguity=1.0, walls_m=25.0, hits=0.80, crossing=0.06)
+COUPLE = Demands(places=2, worth=1.2, ambiguity=0.6, walls_m=25.0, hits=0.85, crossing=0.015)
 FEW = Demands(places=1, worth=0.4, ambiguity=0.85, walls_m=35.0, hits=0.85, crossing=0.015)
+# Of the walls that both have seen so many from the same side: two sides of a wall match as well.
+MIN_FACED = 0.7
 # Two sightings each of which says who was seen need no look-alike places to be ruled out.
 MIN_SIGHTINGS = 2
 MAX_SIGHTED_CROSSING = 0.10
 # Another alignment that comes this near to the best in worth leaves it open which is right, unless
 # so many more rays cross walls by it than by the best; one of less worth does if the maps agree by
-# it as they would have to by few places.
+# it as they would have to by few places, and over as much wall, or half of what they share by the
+# best: maps that hardly touch contradict nothing.
 RIVAL_WORTH = 0.6
 RIVAL_CROSSING, RIVAL_FACTOR, MAX_RIVAL_CROSSING = 0.01, 2.5, 0.08
-RIVAL_HITS = 0.90
+RIVAL_HITS, RIVAL_WALLS = 0.90, 0.5
+# Sets of matches that err by a little more than they should disagree, and yet lay the maps in the
+# same way: what comes to lie this near, once both are where they lie best, is no other alignment.
+SAME_M, SAME_RAD = 0.3, 0.05
 
 KNOWN = "their starts are known"
 
@@ -78,6 +93,20 @@ class PairView:
     sightings: int = 0
     rival: float = 0.0
     overlap: Overlap | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class _Laid:
+    """How the whole maps of two logs lie by a hypothesis; `T_a_b` from the first anchor of a to the
+    middle one of b."""
+
+    overlap: Overlap
+    T_a_b: Pose2
+
+    def same_as(self, other: "_Laid") -> bool:
+        """Whether two hypotheses come to the same."""
+        turn = abs(wrap_angle(self.T_a_b.theta - other.T_a_b.theta))
+        return self.T_a_b.distance_to(other.T_a_b) <= SAME_M and turn <= SAME_RAD
 
 
 class PairJudge:
@@ -113,8 +142,8 @@ class PairJudge:
     def _view(self, best: Hypothesis, others: list[Hypothesis], a: LogName, b: LogName) -> PairView:
         """How two logs stand if `best` is what their matches say."""
         enough = best.sightings >= MIN_SIGHTINGS or best.worth >= FEW.worth
-        overlap = self._lay_over(best, a, b) if enough else None
-        state, reason = self._verdict(best, overlap, others, a, b)
+        laid = self._lay_over(best, a, b) if enough else None
+        state, reason = self._verdict(best, laid, others, a, b)
         return PairView(
             a,
             b,
@@ -126,7 +155,7 @@ class PairJudge:
             best.places,
             best.sightings,
             max((other.worth for other in others), default=0.0) / best.worth,
-            overlap,
+            laid.overlap if laid else None,
         )
 
     def _have_met(self, a: LogName, b: LogName) -> bool:
@@ -141,16 +170,17 @@ class PairJudge:
     def _verdict(
         self,
         best: Hypothesis,
-        overlap: Overlap | None,
+        laid: _Laid | None,
         others: list[Hypothesis],
         a: LogName,
         b: LogName,
     ) -> tuple[State, str]:
-        if overlap is None:
+        if laid is None:
             return State.TENTATIVE, "the matches are worth too little"
+        overlap = laid.overlap
         sighted = best.sightings >= MIN_SIGHTINGS
-        many = best.places >= MANY.places and best.worth >= MANY.worth
-        demands = MANY if many else FEW
+        demands = next((one for one in (MANY, COUPLE) if one.are_met_by(best)), FEW)
+        many = demands is MANY
         # What few places say is too little to hold anything against the maps.
         unlike = State.CONTRADICTORY if many or sighted else State.TENTATIVE
         if overlap.crossing > (MAX_SIGHTED_CROSSING if sighted else demands.crossing):
@@ -159,16 +189,18 @@ class PairJudge:
             return State.ALIGNED, f"{best.sightings} sightings agree"
         if overlap.hits < demands.hits:
             return unlike, f"only {overlap.hits:.0%} of the returns lie on walls"
+        if overlap.faced < MIN_FACED:
+            return State.TENTATIVE, "walls were seen from different sides"
         if best.ambiguity > demands.ambiguity:
             return State.TENTATIVE, "the places look like others"
         if overlap.walls_m < demands.walls_m:
             return State.TENTATIVE, f"{overlap.walls_m:.0f} m of common walls are too few"
-        if any(self._is_rival(other, best, overlap, a, b) for other in others):
+        if any(self._is_rival(other, best, laid, a, b) for other in others):
             return State.TENTATIVE, "another alignment fits nearly as well"
         return State.ALIGNED, f"{best.places} places agree"
 
     def _is_rival(
-        self, other: Hypothesis, best: Hypothesis, overlap: Overlap, a: LogName, b: LogName
+        self, other: Hypothesis, best: Hypothesis, where: _Laid, a: LogName, b: LogName
     ) -> bool:
         """Whether another alignment leaves it open which is right: one that comes near in worth, or
         one of less whose maps agree to the last bit too."""
@@ -176,16 +208,25 @@ class PairJudge:
         if not near and other.worth < FEW.worth:
             return False
         laid = self._lay_over(other, a, b)
+        if laid.same_as(where):
+            return False
+        overlap = laid.overlap
         if near:
-            worse = max(overlap.crossing + RIVAL_CROSSING, RIVAL_FACTOR * overlap.crossing)
-            return laid.crossing <= min(worse, MAX_RIVAL_CROSSING)
-        return laid.crossing <= FEW.crossing and laid.hits >= RIVAL_HITS
+            least = where.overlap.crossing
+            worse = max(least + RIVAL_CROSSING, RIVAL_FACTOR * least)
+            return overlap.crossing <= min(worse, MAX_RIVAL_CROSSING)
+        shared = overlap.walls_m >= min(FEW.walls_m, RIVAL_WALLS * where.overlap.walls_m)
+        return shared and overlap.crossing <= FEW.crossing and overlap.hits >= RIVAL_HITS
 
-    def _lay_over(self, hypothesis: Hypothesis, a: LogName, b: LogName) -> Overlap:
+    def _lay_over(self, hypothesis: Hypothesis, a: LogName, b: LogName) -> _Laid:
         """The whole maps as a hypothesis bends them together, and shifted to where they lie best:
         before that, drift looks like walls that are crossed."""
         one, other = (self._draw(hypothesis, name) for name in (a, b))
-        return lay_over(one, other, closest(one, other))
+        shift = closest(one, other)
+        ours, theirs = hypothesis.solution[a], hypothesis.solution[b]
+        T_frame_b = shift @ Pose2.from_array(theirs[len(theirs) // 2])
+        T_a_b = Pose2.from_array(ours[0]).inverse() @ T_frame_b
+        return _Laid(lay_over(one, other, shift), T_a_b)
 
     def _draw(self, hypothesis: Hypothesis, name: LogName) -> LogMap:
         log = self._graph.log(name)

@@ -179,10 +179,10 @@ def _context(log: LogGraph, stretch: Stretch) -> int:
 
 
 def _together(poses: FloatArray, scans: tuple[Returns, ...], extent: float) -> Returns:
-    """All returns of the scans, in the frame of the place."""
+    """All returns of the scans, in the frame of the place, normals towards who saw them."""
     parts = []
     for pose, scan in zip(poses, scans, strict=True):
-        values = scan.values.copy()
+        values = scan.facing().values
         values[:, :2] = Pose2.from_array(pose).apply(values[:, :2])
         values[:, 2:4] = Pose2(0.0, 0.0, float(pose[2])).apply(values[:, 2:4])
         parts.append(values)

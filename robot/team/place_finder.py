@@ -12,13 +12,13 @@ from protocol.config import LidarConfig
 from protocol.pose import FloatArray
 from robot.jobs import Jobs
 from robot.perception.returns import noise_model
-from robot.perception.search import Pyramid
 from robot.team.entries import Link
 from robot.team.joint import JointGraph
 from robot.team.journal import LogName
 from robot.team.log_graph import LogGraph
-from robot.team.place import Place, Stretch, make_place, searched, stretches
-from robot.team.place_match import find_place, make_pyramid
+from robot.team.place import Stretch, make_place, searched, stretches
+from robot.team.place_match import find_place
+from robot.team.place_search import SearchGround
 
 JOB = "places"
 EVERY_TICKS = 3
@@ -28,14 +28,6 @@ PAIRS_A_JOB = 4
 MAX_KEPT = 24
 
 PlaceName = tuple[LogName, int]
-
-
-@dataclass(frozen=True, slots=True)
-class Drawn:
-    """A place, ready to be looked for and to be searched."""
-
-    place: Place
-    pyramid: Pyramid
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +44,7 @@ class Findings:
     """Links that were found, and the places that were drawn for it."""
 
     links: tuple[Link, ...]
-    drawn: dict[PlaceName, Drawn]
+    drawn: dict[PlaceName, SearchGround]
 
 
 class PlaceFinder:
@@ -64,7 +56,7 @@ class PlaceFinder:
         self._own = own
         self._noise = noise_model(lidar)
         self._examined: set[tuple[int, LogName, int]] = set()
-        self._drawn: dict[PlaceName, Drawn] | None = None
+        self._drawn: dict[PlaceName, SearchGround] | None = None
 
     def step(
         self, tick: int, jobs: Jobs, graph: JointGraph, aligned: Collection[LogName]
@@ -81,7 +73,7 @@ class PlaceFinder:
                 self._start(tick, jobs, graph, errands)
         return found
 
-    def _keep(self, drawn: dict[PlaceName, Drawn]) -> None:
+    def _keep(self, drawn: dict[PlaceName, SearchGround]) -> None:
         """The places used last, up to a number."""
         kept = {name: one for name, one in (self._drawn or {}).items() if name not in drawn}
         kept.update(drawn)
@@ -158,13 +150,13 @@ def run_errands(
     errands: tuple[Errand, ...],
     own: LogName,
     graph: JointGraph,
-    kept: dict[PlaceName, Drawn],
+    kept: dict[PlaceName, SearchGround],
     noise: FloatArray,
 ) -> Findings:
     """Draw the places that are missing, search, and judge. Pure: runs as a job."""
-    drawn: dict[PlaceName, Drawn] = {}
+    drawn: dict[PlaceName, SearchGround] = {}
 
-    def draw(name: LogName, stretch: Stretch) -> Drawn:
+    def draw(name: LogName, stretch: Stretch) -> SearchGround:
         key = (name, stretch.number)
         if key not in drawn:
             log = graph.log(name)
@@ -172,8 +164,7 @@ def run_errands(
             if key in kept:
                 drawn[key] = kept[key]
             else:
-                place = make_place(log, stretch, noise)
-                drawn[key] = Drawn(place, make_pyramid(place))
+                drawn[key] = SearchGround.of(make_place(log, stretch, noise))
         return drawn[key]
 
     links = []
@@ -182,6 +173,6 @@ def run_errands(
         of, to = ours.place.anchor, theirs.place.anchor
         links += [
             Link(of, errand.log, to, match.T_a_b, match.information, match.evidence)
-            for match in find_place(ours.place, ours.pyramid, theirs.place)
+            for match in find_place(ours, theirs.place)
         ]
     return Findings(tuple(links), drawn)

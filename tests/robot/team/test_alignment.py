@@ -14,14 +14,15 @@ from robot.perception.scan import perceive
 from robot.slam.engine import Anchor, Keyframe
 from robot.team.alignment import Alignment, align
 from robot.team.entries import Hello, Known, Link, decode_entry, encode_entry
-from robot.team.evidence import Evidence, Kind
-from robot.team.hypothesis import solve_alone, weight_of
+from robot.team.evidence import Evidence, Kind, weight_of
+from robot.team.hypothesis import solve_alone
 from robot.team.joint import JointGraph, solve
 from robot.team.journal import LogName
 from robot.team.near_matches import near_matches
 from robot.team.pair_judge import State
 from robot.team.place import chained_poses, make_place, stretches
-from robot.team.place_match import find_place, make_pyramid, match_from, rotations
+from robot.team.place_match import find_place, match_from
+from robot.team.place_search import SearchGround, rotations
 from world.lidar import Lidars
 from world.noise import Noise
 from world.scenario import RobotSpec, Scenario
@@ -103,9 +104,9 @@ def found(recorded: Recorded) -> list[Link]:
         places[name] = [make_place(log, s, NOISE) for s in stretches(log, whole=True)]
     links = []
     for ours in places[ONE]:
-        pyramid = make_pyramid(ours)
+        ground = SearchGround.of(ours)
         for theirs in places[TWO]:
-            for match in find_place(ours, pyramid, theirs):
+            for match in find_place(ground, theirs):
                 information = match.information
                 links.append(
                     Link(ours.anchor, TWO, theirs.anchor, match.T_a_b, information, match.evidence)
@@ -264,8 +265,18 @@ def test_a_place_is_found_in_itself_without_bias(recorded: Recorded) -> None:
     for guess in (Pose2(0.06, -0.05, 0.01), Pose2(-0.06, 0.05, -0.01)):
         match = match_from(place, place, guess)
         assert np.abs(match.T_a_b.to_array()).max() < 2e-3
-    found = find_place(place, make_pyramid(place), place)[0]
+    found = find_place(SearchGround.of(place), place)[0]
     assert np.abs(found.T_a_b.to_array()).max() < 5e-3 and found.evidence.crossing < 0.02
+
+
+def test_a_wall_is_not_known_from_its_other_side(recorded: Recorded) -> None:
+    """Two sides of a thin wall match as well as one side matches itself."""
+    log = graph_of(recorded).log(ONE)
+    assert log is not None
+    place = make_place(log, stretches(log, whole=True)[0], NOISE)
+    points, normals = place.surfaces.points, place.surfaces.values[:, 2:4]
+    assert place.field.faced(points, normals) > 0.9
+    assert place.field.faced(points, -normals) < 0.3
 
 
 def test_places_do_not_change_when_the_log_grows(recorded: Recorded) -> None:
