@@ -21,9 +21,9 @@ from robot.brain import Brain
 from robot.perception.returns import noise_model
 from robot.slam.pose_graph import optimise
 from robot.team.alignment import align
-from robot.team.entries import decode_entry
 from robot.team.joint import JointGraph, Problem, Solution, by_log, keyframe_poses
 from robot.team.journal import decode_record
+from robot.team.log_reading import read_in_order
 from station.scenario_file import changed
 from studies.command import one_line_errors, study_parser, write_figures
 from studies.trials import parse_seeds
@@ -76,8 +76,8 @@ def union(records: Mapping[bytes, None]) -> JointGraph:
     """The graph of all entries that anybody wrote or heard, each once."""
     entries = sorted(decode_record(record) for record in records)
     graph = JointGraph()
-    for name, body in entries:
-        graph.add(name.log, decode_entry(body, name.sequence))
+    for name, entry in read_in_order(entries):
+        graph.add(name.log, entry)
     return graph
 
 

@@ -20,9 +20,10 @@ from protocol.messages import HeardFrame, RadioFrame
 from protocol.pose import IDENTITY, Pose2
 from robot.jobs import Jobs
 from robot.slam.engine import Anchor, Closure, Entry, Keyframe
-from robot.team.entries import Link, decode_entry
+from robot.team.entries import Link
 from robot.team.joint import JointGraph, solve
 from robot.team.journal import LogName
+from robot.team.log_reading import read_in_order
 from robot.team.team import BEACON_EVERY_TICKS, LiveState, Team
 from studies.command import aligned, study_parser, write_figures
 
@@ -88,9 +89,9 @@ class Schedule:
         graph = JointGraph()
         for name in self.names:
             log, journal = LogName(name, 0), self.teams[name].journal
-            for entry in journal.beyond({}):
-                if entry.log == log:
-                    graph.add(log, decode_entry(journal.body(entry), entry.sequence))
+            own = [entry for entry in journal.beyond({}) if entry.log == log]
+            for _, entry in read_in_order((name, journal.body(name)) for name in own):
+                graph.add(log, entry)
         truth = solve(graph.problem())
         worst = 0.0
         for team in self.teams.values():

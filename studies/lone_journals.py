@@ -13,8 +13,10 @@ from robot.brain import Brain
 from robot.journal_file import frame_record
 from robot.recollection import read_records
 from robot.slam.engine import Anchor, Closure
-from robot.team.entries import Hello, Known, StoredKeyframe, decode_entry
+from robot.team.entries import Hello, Known
 from robot.team.journal import decode_record
+from robot.team.keyframes import StoredKeyframe
+from robot.team.log_reading import read_in_order
 from world.scenario import GateConfig, RobotSpec, Scenario
 from world.simulation import Simulation
 
@@ -63,12 +65,10 @@ def lone_journal(world: str, seed: int, seconds: float, folder: Path) -> LoneJou
         partial.write_bytes(b"".join(frame_record(record) for record in records))
         partial.replace(path)
     entries: list[Known] = []
-    for record in read_records(path):
-        name, body = decode_record(record)
-        entry = decode_entry(body, name.sequence)
+    for _, entry in read_in_order(map(decode_record, read_records(path))):
         if isinstance(entry, Hello):
-            entry = replace(entry, start=None)
-        if isinstance(entry, Hello | Anchor | StoredKeyframe | Closure):
+            entries.append(replace(entry, start=None))
+        elif isinstance(entry, Anchor | StoredKeyframe | Closure):
             entries.append(entry)
     return LoneJournal(world, seed, tuple(entries), np.load(way))
 
