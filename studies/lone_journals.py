@@ -10,7 +10,7 @@ import numpy as np
 
 from protocol.pose import FloatArray, Pose2
 from robot.brain import Brain
-from robot.journal_file import frame_record
+from robot.journal_file import FORMAT, frame_record
 from robot.recollection import read_records
 from robot.slam.engine import Anchor, Closure
 from robot.team.entries import Hello, Known
@@ -55,7 +55,8 @@ def lone_journal(world: str, seed: int, seconds: float, folder: Path) -> LoneJou
 
     Raises MapFileError and StartError as `Simulation` does.
     """
-    stem = f"{_file_name(world)}-{seed}-{seconds:g}s"
+    # Entries of another format are none: such files stay where they are.
+    stem = f"{_file_name(world)}-{seed}-{seconds:g}s-{FORMAT.split()[-1]}"
     path, way = folder / f"{stem}.journal", folder / f"{stem}.npy"
     if not path.exists():
         folder.mkdir(parents=True, exist_ok=True)

@@ -73,6 +73,7 @@ def keyframe_fields(keyframe: Keyframe, context: "LogContext | None") -> list[An
         context is None
         or last is None
         or last.beams != len(codes)
+        or last.tick > keyframe.tick
         or not context.may_follow(keyframe.anchor)
     ):
         seen += sigma + encode_scan(codes, np.full(len(codes), np.nan))
