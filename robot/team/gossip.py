@@ -3,6 +3,7 @@
 Every beacon carries the sender's version vector, so whoever hears it knows what to send. What
 was sent is not sent again until the answer, a newer vector, has had time to come. Entries of
 third robots travel too, unless the receiver gets them from their owner: then the owner sends them.
+Of several who could pass them on, all in range of each other, the first by name does.
 Loss, repetition and reordering can delay this but not corrupt it.
 """
 
@@ -122,9 +123,19 @@ class Gossip:
         peer = self.peers[receiver]
         if log.robot == self._name:
             return True
-        if log.robot == receiver or log.robot in peer.hears:
+        if log.robot == receiver or log.robot in peer.hears or self._another_sends(receiver, log):
             return tick - peer.stuck.get(log, tick) >= RELAY_TICKS
         return tick - peer.met >= GREETING_TICKS
+
+    def _another_sends(self, receiver: str, log: LogName) -> bool:
+        """Whether a robot before this one in the alphabet can pass a log on just as well: it holds
+        as much of it, and by the last beacons of both it and the receiver hear each other."""
+        held, hears = self._journal.prefix(log), self.peers[receiver].hears
+        return any(
+            name < self._name and receiver in other.hears and other.vector.get(log, 0) >= held
+            for name, other in self.peers.items()
+            if name in hears
+        )
 
 
 def _lacks(vector: dict[LogName, int], log: LogName, journal: Journal) -> bool:

@@ -126,6 +126,28 @@ def test_nobody_is_told_at_once_what_he_wrote_himself() -> None:
     assert {name.log.robot for name in told} == {"r2"}
 
 
+def test_of_two_who_could_pass_a_log_on_one_does() -> None:
+    teams = {name: make_team(name) for name in TEAM}
+    teams["r4"].write(knowledge("r4", 12))
+    know = [frozenset(("r2", "r4")), frozenset(("r3", "r4")), frozenset(("r2", "r3"))]
+    exchange({name: teams[name] for name in ("r2", "r3", "r4")}, range(62), set(know))
+    told: list[tuple[str, EntryName]] = []
+    three = {name: teams[name] for name in ("r1", "r2", "r3")}
+    for tick in range(62, 242):
+        frames = {name: team.speak(tick, LIVE) for name, team in three.items()}
+        for sender, spoken in frames.items():
+            for frame in spoken:
+                if frame.kind == ENTRIES and frame.to == "r1":
+                    told += [(sender, name) for name, _ in unpack_entries(frame.payload)]
+                for receiver, team in three.items():
+                    if receiver != sender and frame.to in ("*", receiver):
+                        team.hear(tick + 1, (heard(sender, tick, frame),))
+    passed_on = [(sender, name) for sender, name in told if name.log.robot == "r4"]
+    assert {sender for sender, _ in passed_on} == {"r2"}
+    assert len(passed_on) == len(set(passed_on)) == 12 + 3
+    assert three["r1"].journal.digest() == three["r2"].journal.digest()
+
+
 def test_nothing_new_is_sent_between_equals() -> None:
     teams = {name: make_team(name) for name in ("r1", "r2")}
     teams["r1"].write(knowledge("r1", 20))
