@@ -28,7 +28,7 @@ def test_a_team_in_contact_is_as_good_as_the_batch(tmp_path: Path) -> None:
 
 
 def test_the_summary_tells_the_mean_with_its_error() -> None:
-    rows = [
+    rows: list[dict[str, float | None]] = [
         {"team_error_m": 0.0102, "centralised_error_m": 0.01},
         {"team_error_m": 0.0098, "centralised_error_m": 0.01},
         {"team_error_m": None, "centralised_error_m": None},
