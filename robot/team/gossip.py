@@ -128,13 +128,16 @@ class Gossip:
         return tick - peer.met >= GREETING_TICKS
 
     def _another_sends(self, receiver: str, log: LogName) -> bool:
-        """Whether a robot before this one in the alphabet can pass a log on just as well: it holds
-        as much of it, and by the last beacons of both it and the receiver hear each other."""
-        held, hears = self._journal.prefix(log), self.peers[receiver].hears
+        """Whether a robot before this one in the alphabet is at it: it holds more of a log than the
+        receiver, and by the last beacons of both they hear each other. What it does not hold itself
+        it is told meanwhile."""
+        peer = self.peers[receiver]
         return any(
-            name < self._name and receiver in other.hears and other.vector.get(log, 0) >= held
+            name < self._name
+            and receiver in other.hears
+            and other.vector.get(log, 0) > peer.vector.get(log, 0)
             for name, other in self.peers.items()
-            if name in hears
+            if name in peer.hears
         )
 
 
