@@ -4,10 +4,10 @@
 
 Each robot has solved what it heard, as it came. The batch gets every entry that any robot wrote,
 all closures and links among them, and minimises until nothing moves any more. Both are held against
-the truth at all keyframes, under one rigid alignment for the team. What a robot did not hear before
-the run was over makes its error differ either way in one run, so it is the mean ratio of several
-that says what working apart costs; it is told with its standard error. Runs are inline; those found
-in `--out` are not played again.
+the truth at all keyframes, under one rigid alignment for the team. They differ by what a robot did
+not hear before the run was over, which is chance in one run: what working apart costs is the mean
+ratio of several, told with its standard error. Runs are inline; those found in `--out` are not
+played again.
 """
 
 import json
