@@ -19,6 +19,7 @@ from robot.slam.engine import Entry
 from robot.slam.engines import make_engine
 from robot.team.entries import Hello, Known, Link, decode_entry, encode_entry
 from robot.team.journal import decode_record
+from robot.team.log_reading import read_in_order
 from station.replay import ReplaySettings, in_order, lidar_of, moved, raw_motion
 from station.scan_log import LoggedScan, Scanner, read_log
 
@@ -107,15 +108,18 @@ def _recorded(path: Path) -> Iterator[Source]:
         raise MergeError(f"{path}: no {JOURNAL} file in it; expected the folder of a run")
     for file in files:
         robot, _, life = file.name.removesuffix(JOURNAL).rpartition(".")
-        entries: list[Known] = []
-        for record in read_records(file):
-            try:
-                name, body = decode_record(record)
-                entry = decode_entry(body, name.sequence)
-            except MalformedMessageError as error:
-                raise MergeError(f"{file}: {error}") from error
-            if (name.log.robot, str(name.log.incarnation)) == (robot, life):
-                entries.append(entry)
+        try:
+            named = [decode_record(record) for record in read_records(file)]
+            entries = [
+                entry
+                for _, entry in read_in_order(
+                    (name, body)
+                    for name, body in named
+                    if (name.log.robot, str(name.log.incarnation)) == (robot, life)
+                )
+            ]
+        except MalformedMessageError as error:
+            raise MergeError(f"{file}: {error}") from error
         label = f"{robot}.{life}"
         yield Source(label, tuple(_without_answers(entries)), True, (label, 0))
 

@@ -115,9 +115,8 @@ def _anywhere(rng: np.random.Generator) -> Pose2:
     return Pose2(float(x), float(y), float(rng.uniform(-math.pi, math.pi)))
 
 
-def run_trial(number: int, stage: Stage, seed: int) -> Trial:
+def run_trial(number: int, stage: Stage, seed: int, grouped: bool) -> Trial:
     """Add false matches, align, and hold the joint solution against the truth."""
-    grouped = number % 2 == 1
     lies = stage.false_matches(np.random.default_rng((seed, number)), grouped)
     graph = stage.graph(lies)
     alignment = align(graph, noise_model(LIDAR))
@@ -202,9 +201,11 @@ def main(argv: list[str] | None = None) -> int:
     found = stages(worlds, arguments.runs, arguments.seconds, arguments.out)
     for place, stage in zip(range(arguments.pairs), found, strict=False):
         for number in range(place, arguments.trials, arguments.pairs):
-            trial = done.get((number, stage.world, stage.seeds))
+            # Both kinds on every pair of journals, whether or not there is an even number of pairs.
+            grouped = (number // arguments.pairs + place) % 2 == 1
+            trial = done.get((number, stage.world, stage.seeds, grouped))
             if trial is None:
-                trial = run_trial(number, stage, arguments.seed)
+                trial = run_trial(number, stage, arguments.seed, grouped)
                 with (arguments.out / DONE).open("a") as file:
                     file.write(trial.model_dump_json() + "\n")
             trials.append(trial)
@@ -214,12 +215,12 @@ def main(argv: list[str] | None = None) -> int:
     return 0 if all(trial.outcome in ("right", "undecided") for trial in trials) else 1
 
 
-def _done(path: Path) -> dict[tuple[int, str, tuple[int, int]], Trial]:
+def _done(path: Path) -> dict[tuple[int, str, tuple[int, int], bool], Trial]:
     """What an earlier study left there."""
     if not path.exists():
         return {}
     trials = map(Trial.model_validate_json, path.read_text().splitlines())
-    return {(trial.number, trial.world, trial.seeds): trial for trial in trials}
+    return {(trial.number, trial.world, trial.seeds, trial.grouped): trial for trial in trials}
 
 
 if __name__ == "__main__":

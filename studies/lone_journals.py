@@ -10,11 +10,13 @@ import numpy as np
 
 from protocol.pose import FloatArray, Pose2
 from robot.brain import Brain
-from robot.journal_file import frame_record
+from robot.journal_file import FORMAT, frame_record
 from robot.recollection import read_records
 from robot.slam.engine import Anchor, Closure
-from robot.team.entries import Hello, Known, StoredKeyframe, decode_entry
+from robot.team.entries import Hello, Known
 from robot.team.journal import decode_record
+from robot.team.keyframes import StoredKeyframe
+from robot.team.log_reading import read_in_order
 from world.scenario import GateConfig, RobotSpec, Scenario
 from world.simulation import Simulation
 
@@ -53,7 +55,8 @@ def lone_journal(world: str, seed: int, seconds: float, folder: Path) -> LoneJou
 
     Raises MapFileError and StartError as `Simulation` does.
     """
-    stem = f"{_file_name(world)}-{seed}-{seconds:g}s"
+    # Entries of another format are none: such files stay where they are.
+    stem = f"{_file_name(world)}-{seed}-{seconds:g}s-{FORMAT.split()[-1]}"
     path, way = folder / f"{stem}.journal", folder / f"{stem}.npy"
     if not path.exists():
         folder.mkdir(parents=True, exist_ok=True)
@@ -63,12 +66,10 @@ def lone_journal(world: str, seed: int, seconds: float, folder: Path) -> LoneJou
         partial.write_bytes(b"".join(frame_record(record) for record in records))
         partial.replace(path)
     entries: list[Known] = []
-    for record in read_records(path):
-        name, body = decode_record(record)
-        entry = decode_entry(body, name.sequence)
+    for _, entry in read_in_order(map(decode_record, read_records(path))):
         if isinstance(entry, Hello):
-            entry = replace(entry, start=None)
-        if isinstance(entry, Hello | Anchor | StoredKeyframe | Closure):
+            entries.append(replace(entry, start=None))
+        elif isinstance(entry, Anchor | StoredKeyframe | Closure):
             entries.append(entry)
     return LoneJournal(world, seed, tuple(entries), np.load(way))
 

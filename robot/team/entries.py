@@ -3,21 +3,20 @@
 An entry is msgpack: a list whose first item says what it is.
 
     hello     [0, start or None, beams, angle_min, increment, max_range, radius]
-    anchor    [1, index, pose, information]
-    keyframe  [2, tick, anchor, pose, sigma and scan]
+    anchor    [1, index, pose and information]
+    keyframe  [2, …] or [5, …], as `robot.team.keyframes` says
     closure   [3, of, to, pose and information]
     link      [4, of, robot, incarnation, to, pose, information and evidence]
 
 What stands together is one string of bytes, packed as `robot.team.packing` says. The pose of an
-anchor, on whose chain a log hangs, is 3 float32 (x, y, θ). Of the covariance of a keyframe only
-what each coordinate errs by is kept. Evidence is 5 bytes: the kind, then overlap, hits, crossing
-and ambiguity in 255ths.
+anchor, on whose chain a log hangs, is 3 float32 (x, y, θ). Evidence is 5 bytes: the kind, then
+overlap, hits, crossing and ambiguity in 255ths.
 """
 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgpack
 import numpy as np
@@ -28,23 +27,32 @@ from protocol.pose import FloatArray, Pose2
 from robot.slam.engine import Anchor, Closure, Entry, Keyframe
 from robot.team.evidence import ASSUMED, Evidence, Kind
 from robot.team.journal import LogName
+from robot.team.keyframes import (
+    ALONE,
+    FOLLOWER,
+    StoredKeyframe,
+    keyframe_fields,
+    read_alone,
+    read_follower,
+)
 from robot.team.packing import (
     MATRIX_BYTES,
     POSE_BYTES,
-    SIGMA_BYTES,
+    checked_count,
     pack_matrix,
     pack_pose,
-    pack_sigma,
     sized,
     split,
     unpack_matrix,
     unpack_pose,
-    unpack_sigma,
 )
-from robot.team.scan_codec import MAX_BEAMS, compress_scan, decompress_scan
+from robot.team.scan_codec import MAX_BEAMS
 
-HELLO, ANCHOR, KEYFRAME, CLOSURE, LINK = 0, 1, 2, 3, 4
-EVIDENCE_BYTES = 5
+if TYPE_CHECKING:
+    from robot.team.log_context import LogContext
+
+HELLO, ANCHOR, CLOSURE, LINK = 0, 1, 3, 4
+ANCHOR_POSE_BYTES, EVIDENCE_BYTES = 12, 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,48 +100,26 @@ class Link:
     evidence: Evidence = ASSUMED
 
 
-@dataclass(frozen=True, slots=True)
-class StoredKeyframe:
-    """A keyframe as journals have it: its scan stays compressed until somebody looks at it.
-
-    Robots hold thousands of them, each scan ten times smaller so; the rest as in Keyframe.
-    """
-
-    index: int
-    tick: int
-    anchor: int
-    T_anchor_keyframe: Pose2
-    covariance: FloatArray
-    beams: int
-    scan: bytes
-
-    @property
-    def ranges(self) -> FloatArray:
-        """As in LaserScan (n)."""
-        return decompress_scan(self.scan)
-
-
 Known = Anchor | StoredKeyframe | Closure | Hello | Link
 """What comes out of a journal."""
 
 
-def encode_entry(entry: Entry | Hello | Link) -> bytes:
-    """The body of an entry."""
-    packed: bytes = msgpack.packb(_fields(entry), use_bin_type=True)
+def encode_entry(entry: Entry | Hello | Link, context: "LogContext | None" = None) -> bytes:
+    """The body of an entry. `context` is what its log says before it, if that is to be built on."""
+    packed: bytes = msgpack.packb(_fields(entry, context), use_bin_type=True)
     return packed
 
 
-def _fields(entry: Entry | Hello | Link) -> list[Any]:
+def _fields(entry: Entry | Hello | Link, context: "LogContext | None") -> list[Any]:
     if isinstance(entry, Hello):
         start = None if entry.start is None else entry.start.to_array().astype("<f8").tobytes()
         lidar = [entry.beams, entry.angle_min, entry.increment, entry.max_range_m]
         return [HELLO, start, *lidar, entry.radius_m]
     if isinstance(entry, Anchor):
         pose = entry.T_previous_anchor.to_array().astype("<f4").tobytes()
-        return [ANCHOR, entry.index, pose, pack_matrix(entry.information)]
+        return [ANCHOR, entry.index, pose + pack_matrix(entry.information)]
     if isinstance(entry, Keyframe):
-        seen = pack_sigma(np.sqrt(np.diag(entry.covariance))) + compress_scan(entry.ranges)
-        return [KEYFRAME, entry.tick, entry.anchor, pack_pose(entry.T_anchor_keyframe) + seen]
+        return keyframe_fields(entry, context)
     if isinstance(entry, Link):
         measured = (
             pack_pose(entry.T_of_to) + pack_matrix(entry.information) + _shares(entry.evidence)
@@ -142,8 +128,9 @@ def _fields(entry: Entry | Hello | Link) -> list[Any]:
     return [CLOSURE, entry.of, entry.to, pack_pose(entry.T_of_to) + pack_matrix(entry.information)]
 
 
-def decode_entry(body: bytes, index: int) -> Known:
-    """The entry in a body; `index` is what a keyframe is numbered with.
+def decode_entry(body: bytes, index: int, context: "LogContext | None" = None) -> Known:
+    """The entry in a body; `index` is what a keyframe is numbered with, `context` what its log says
+    before it.
 
     Raises MalformedMessageError on anything that `encode_entry` does not write.
     """
@@ -153,12 +140,12 @@ def decode_entry(body: bytes, index: int) -> Known:
         raise MalformedMessageError("entry", str(error)[:100]) from error
     try:
         kind, *rest = fields
-        return _DECODERS[kind](rest, index)
+        return _DECODERS[kind](rest, index, context)
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise MalformedMessageError("entry", str(error)[:100]) from error
 
 
-def _decode_hello(rest: list[Any], _: int) -> Hello:
+def _decode_hello(rest: list[Any], _: int, __: "LogContext | None") -> Hello:
     start, beams, angle_min, increment, max_range, radius = rest
     if start is not None:
         values = np.frombuffer(sized(start, 24), dtype="<f8")
@@ -168,60 +155,49 @@ def _decode_hello(rest: list[Any], _: int) -> Hello:
     numbers = [float(value) for value in (angle_min, increment, max_range, radius)]
     if not (all(map(math.isfinite, numbers)) and 0 < numbers[2] <= 1000 and 0 < numbers[3] <= 10):
         raise ValueError("a sensor value is out of bounds")
-    return Hello(start, _count(beams, MAX_BEAMS), *numbers)
+    return Hello(start, checked_count(beams, MAX_BEAMS), *numbers)
 
 
-def _decode_anchor(rest: list[Any], _: int) -> Anchor:
-    index, pose, information = rest
-    values = np.frombuffer(sized(pose, 12), dtype="<f4").astype(np.float64)
+def _decode_anchor(rest: list[Any], _: int, __: "LogContext | None") -> Anchor:
+    index, measured = rest
+    pose, information = split(measured, ANCHOR_POSE_BYTES)
+    values = np.frombuffer(sized(pose, ANCHOR_POSE_BYTES), dtype="<f4").astype(np.float64)
     if not np.isfinite(values).all() or np.abs(values).max() > 1e6:
         raise ValueError("a pose is out of bounds")
-    return Anchor(_count(index), Pose2.from_array(values), unpack_matrix(information))
+    return Anchor(checked_count(index), Pose2.from_array(values), unpack_matrix(information))
 
 
-def _decode_keyframe(rest: list[Any], index: int) -> StoredKeyframe:
-    tick, anchor, seen = rest
-    pose, sigma, scan = split(seen, POSE_BYTES, SIGMA_BYTES)
-    return StoredKeyframe(
-        index,
-        _count(tick),
-        _count(anchor),
-        unpack_pose(pose),
-        np.diag(unpack_sigma(sigma) ** 2),
-        len(decompress_scan(scan)),
-        scan,
-    )
-
-
-def _decode_closure(rest: list[Any], _: int) -> Closure:
+def _decode_closure(rest: list[Any], _: int, __: "LogContext | None") -> Closure:
     of, to, measured = rest
     pose, information = split(measured, POSE_BYTES)
     if of == to:
         raise ValueError("a closure joins an anchor with itself")
-    return Closure(_count(of), _count(to), unpack_pose(pose), unpack_matrix(information))
+    T_of_to = unpack_pose(pose)
+    return Closure(checked_count(of), checked_count(to), T_of_to, unpack_matrix(information))
 
 
-def _decode_link(rest: list[Any], _: int) -> Link:
+def _decode_link(rest: list[Any], _: int, __: "LogContext | None") -> Link:
     of, robot, incarnation, to, measured = rest
     if not isinstance(robot, str) or not 0 < len(robot) <= 32:
         raise ValueError("the robot's name is missing")
-    log = LogName(robot, _count(incarnation))
+    log = LogName(robot, checked_count(incarnation))
     pose, information, evidence = split(measured, POSE_BYTES, MATRIX_BYTES)
     kind, *shares = sized(evidence, EVIDENCE_BYTES)
     return Link(
-        _count(of),
+        checked_count(of),
         log,
-        _count(to),
+        checked_count(to),
         unpack_pose(pose),
         unpack_matrix(information),
         Evidence(Kind(kind), *(share / 255.0 for share in shares)),
     )
 
 
-_DECODERS: dict[int, Callable[[list[Any], int], Known]] = {
+_DECODERS: dict[int, Callable[[list[Any], int, "LogContext | None"], Known]] = {
     HELLO: _decode_hello,
     ANCHOR: _decode_anchor,
-    KEYFRAME: _decode_keyframe,
+    ALONE: read_alone,
+    FOLLOWER: read_follower,
     CLOSURE: _decode_closure,
     LINK: _decode_link,
 }
@@ -230,9 +206,3 @@ _DECODERS: dict[int, Callable[[list[Any], int], Known]] = {
 def _shares(evidence: Evidence) -> bytes:
     shares = (evidence.overlap, evidence.hits, evidence.crossing, evidence.ambiguity)
     return bytes([evidence.kind, *(round(255.0 * min(max(s, 0.0), 1.0)) for s in shares)])
-
-
-def _count(value: object, limit: int = 2**53) -> int:
-    if type(value) is not int or not 0 <= value <= limit:
-        raise ValueError(f"expected a number from 0 to {limit}")
-    return value

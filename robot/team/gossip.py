@@ -3,6 +3,7 @@
 Every beacon carries the sender's version vector, so whoever hears it knows what to send. What
 was sent is not sent again until the answer, a newer vector, has had time to come. Entries of
 third robots travel too, unless the receiver gets them from their owner: then the owner sends them.
+Of several who could pass them on, all in range of each other, the first by name does.
 Loss, repetition and reordering can delay this but not corrupt it.
 """
 
@@ -122,9 +123,22 @@ class Gossip:
         peer = self.peers[receiver]
         if log.robot == self._name:
             return True
-        if log.robot == receiver or log.robot in peer.hears:
+        if log.robot == receiver or log.robot in peer.hears or self._another_sends(receiver, log):
             return tick - peer.stuck.get(log, tick) >= RELAY_TICKS
         return tick - peer.met >= GREETING_TICKS
+
+    def _another_sends(self, receiver: str, log: LogName) -> bool:
+        """Whether a robot before this one in the alphabet is at it: it holds more of a log than the
+        receiver, and by the last beacons of both they hear each other. What it does not hold itself
+        it is told meanwhile."""
+        peer = self.peers[receiver]
+        return any(
+            name < self._name
+            and receiver in other.hears
+            and other.vector.get(log, 0) > peer.vector.get(log, 0)
+            for name, other in self.peers.items()
+            if name in peer.hears
+        )
 
 
 def _lacks(vector: dict[LogName, int], log: LogName, journal: Journal) -> bool:

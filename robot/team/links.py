@@ -20,9 +20,10 @@ from robot.slam.config import GraphSlamConfig
 from robot.slam.gaussian import invert_spd
 from robot.slam.loop_closure import Candidate, Query, Verdict, examine
 from robot.slam.packed_submap import PackedSubmap
-from robot.team.entries import Link, StoredKeyframe
+from robot.team.entries import Link
 from robot.team.joint import JointGraph, Solution, anchor_pose
 from robot.team.journal import LogName
+from robot.team.keyframes import StoredKeyframe
 from robot.team.log_graph import LogGraph
 
 JOB = "links"

@@ -6,8 +6,9 @@ from protocol.pose import FloatArray, Pose2
 from robot.perception.scan import LaserScan
 from robot.rows import Rows
 from robot.slam.engine import Anchor
-from robot.team.entries import Hello, Known, Link, StoredKeyframe
+from robot.team.entries import Hello, Known, Link
 from robot.team.journal import LogName
+from robot.team.keyframes import StoredKeyframe
 
 EDGE_COLUMNS = 2 + 3 + 9
 KEYFRAME_COLUMNS = 1 + 3

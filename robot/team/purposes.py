@@ -17,14 +17,16 @@ import msgpack
 from protocol.errors import MalformedMessageError
 from protocol.messages import HeardFrame, RadioFrame
 from robot.team.beacon import BEACON
-from robot.team.entries import ANCHOR, CLOSURE, HELLO, KEYFRAME, LINK
+from robot.team.entries import ANCHOR, CLOSURE, HELLO, LINK
+from robot.team.keyframes import ALONE, FOLLOWER
 from robot.team.parcels import ENTRIES, unpack_entries
 
 LIVE, VECTORS, FRAMES = "live", "vectors", "frames"
 ENTRY_PURPOSES = {
     HELLO: "hello",
     ANCHOR: "anchors",
-    KEYFRAME: "keyframes",
+    ALONE: "keyframes",
+    FOLLOWER: "keyframes",
     CLOSURE: "closures",
     LINK: "links",
 }

@@ -16,6 +16,7 @@ from robot.team.entries import Hello, Link, decode_entry, encode_entry
 from robot.team.gossip import Gossip
 from robot.team.joint import JointGraph, Solution, anchor_pose
 from robot.team.journal import EntryName, Journal, LogName, decode_record, encode_record
+from robot.team.log_context import LogContext
 from robot.team.meetings import Meetings
 from robot.team.parcels import ENTRIES, FRAME_OVERHEAD_BYTES, PART
 from robot.team.standing import Standing
@@ -60,6 +61,7 @@ class Team:
         self._meetings = Meetings(self.own_log, config.sightings)
         self.malformed: dict[str, int] = {}
         self._decoded: dict[LogName, int] = {}
+        self._contexts: dict[LogName, LogContext] = {}
         self._records: list[bytes] = []
         self.write_hello(Hello.of(config))
 
@@ -72,7 +74,7 @@ class Team:
         """Append what this robot found to its own log."""
         for entry in entries:
             name = EntryName(self.own_log, self.journal.prefix(self.own_log))
-            self._remember(name, encode_entry(entry))
+            self._remember(name, encode_entry(entry, self._contexts[self.own_log]))
 
     def recall(self, records: Sequence[bytes]) -> None:
         """Take in what earlier lives wrote down, or heard; that is durable already."""
@@ -142,11 +144,14 @@ class Team:
             self._decoded[name.log] = sequence + 1
 
     def _read(self, name: EntryName) -> None:
+        context = self._contexts.setdefault(name.log, LogContext())
         try:
-            entry = decode_entry(self.journal.body(name), name.sequence)
+            entry = decode_entry(self.journal.body(name), name.sequence, context)
         except MalformedMessageError as error:
+            context.break_off()
             self._count(error.kind)
             return
+        context.take(entry)
         if not self.graph.add(name.log, entry):
             self._count("order")
         self.standing.note_entry()

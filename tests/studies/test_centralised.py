@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from studies.centralised import compare, kept, line
+from studies.centralised import compare, kept, line, summary
 from world.scenario import GateConfig, RobotSpec, Scenario
 
 SCENARIO = Scenario(
@@ -25,3 +25,14 @@ def test_a_team_in_contact_is_as_good_as_the_batch(tmp_path: Path) -> None:
     path.write_text('{"seed": 7}')
     assert kept(SCENARIO, path) == {"seed": 7}  # what is there is not played again
     assert "2 of 2 aligned" in line(row)
+
+
+def test_the_summary_tells_the_mean_with_its_error() -> None:
+    rows: list[dict[str, float | None]] = [
+        {"team_error_m": 0.0102, "centralised_error_m": 0.01},
+        {"team_error_m": 0.0098, "centralised_error_m": 0.01},
+        {"team_error_m": None, "centralised_error_m": None},
+    ]
+    said = summary(rows)
+    assert "2 runs: mean ratio 1.0000 ± 0.0200, greatest 1.0200" in said
+    assert summary(rows[:1]) == "too few runs for a mean"

@@ -137,7 +137,7 @@ def test_false_matches_do_not_corrupt_a_map(
     journals: tuple[LoneJournal, LoneJournal], number: int
 ) -> None:
     stage = false_matches.Stage(*journals)
-    trial = false_matches.run_trial(number, stage, 3)
+    trial = false_matches.run_trial(number, stage, 3, bool(number))
     assert trial.grouped == bool(number)
     assert trial.false == 4 * trial.true > 0
     assert trial.outcome in ("right", "undecided")

@@ -12,39 +12,18 @@ from protocol.pose import Pose2
 from robot.slam.engine import Anchor, Closure, Keyframe
 from robot.team import packing
 from robot.team.beacon import Beacon, decode_beacon, encode_beacon
-from robot.team.entries import Hello, StoredKeyframe, decode_entry, encode_entry
+from robot.team.entries import Hello, decode_entry, encode_entry
 from robot.team.journal import EntryName, LogName, decode_record, encode_record
-from robot.team.scan_codec import STEP_M, STEP_SHARE, compress_scan, decompress_scan
+from robot.team.keyframes import StoredKeyframe
+from robot.team.scan_codec import STEP_M, STEP_SHARE
 
 POSE = Pose2(1.25, -0.5, 0.75)
 MATRIX = np.array([[4.0, 1.0, 0.5], [1.0, 3.0, 0.25], [0.5, 0.25, 2.0]])
-
-beam = st.one_of(st.floats(0.0, 100.0), st.just(float("inf")), st.just(float("nan")))
-
-
-@given(st.lists(beam, max_size=300))
-def test_a_scan_survives_within_half_a_step(values: list[float]) -> None:
-    ranges = np.array(values, dtype=np.float64)
-    back = decompress_scan(compress_scan(ranges))
-    hits = np.isfinite(ranges)
-    assert np.array_equal(np.isnan(ranges), np.isnan(back))
-    assert np.array_equal(np.isinf(ranges), np.isinf(back))
-    # A step grows within itself, by a share of b: half of one is a quarter of that share longer.
-    half = 0.5 * (STEP_M + STEP_SHARE * ranges[hits]) * (1.0 + STEP_SHARE / 2.0)
-    assert np.all(np.abs(back[hits] - ranges[hits]) <= half)
-
-
-def test_a_scan_of_a_room_is_small() -> None:
-    angles = np.linspace(-np.pi, np.pi, 257, endpoint=False)
-    walls = np.minimum(4.0 / np.abs(np.cos(angles) + 1e-9), 3.0 / np.abs(np.sin(angles) + 1e-9))
-    noise = np.random.default_rng(1).normal(0.0, 0.02, 257)
-    assert len(compress_scan(walls + noise)) < 130
 
 
 @given(st.binary(max_size=200))
 def test_no_bytes_break_the_decoders(data: bytes) -> None:
     for decode in (
-        decompress_scan,
         decode_beacon,
         decode_record,
         lambda body: decode_entry(body, 0),
@@ -67,8 +46,8 @@ def test_entries_survive(entry: Anchor | Closure | Keyframe) -> None:
     for name in type(entry).__slots__:
         ours, theirs = getattr(entry, name), getattr(back, name)
         if isinstance(ours, np.ndarray):
-            # Half a step of a range, or the precision of a float16.
-            share, metres = (STEP_SHARE / 2, STEP_M / 2) if name == "ranges" else (0.001, 0.0)
+            # Half a step of a range, or twice half a level of a root.
+            share, metres = (STEP_SHARE / 2, STEP_M / 2) if name == "ranges" else (0.075, 0.0)
             kept = np.diag(np.diag(ours)) if name == "covariance" else ours
             np.testing.assert_allclose(theirs, kept, rtol=share, atol=metres)
         elif isinstance(ours, Pose2):
@@ -117,12 +96,32 @@ def test_values_out_of_bounds_are_refused() -> None:
 
 
 @given(st.lists(st.floats(-10.0, 10.0), min_size=9, max_size=9))
-def test_a_matrix_survives_to_a_thousandth(values: list[float]) -> None:
+def test_a_matrix_survives_to_some_percent(values: list[float]) -> None:
     root = np.array(values).reshape(3, 3)
     matrix = root @ root.T
     back = decode_entry(encode_entry(Anchor(0, POSE, matrix)), 0)
     assert isinstance(back, Anchor)
-    assert np.abs(back.information - matrix).max() <= 0.001 * np.diag(matrix).max() + 1e-9
+    assert np.abs(back.information - matrix).max() <= 0.075 * np.diag(matrix).max() + 1e-3
+
+
+def test_the_direction_that_a_corridor_leaves_open_survives() -> None:
+    """A millimetre across and ten metres along: what is not known must not look known."""
+    turn = Pose2(0.0, 0.0, 0.7).adjoint()
+    matrix = turn.T @ np.diag([1e-2, 1e6, 1e7]) @ turn
+    back = decode_entry(encode_entry(Anchor(0, POSE, matrix)), 0)
+    assert isinstance(back, Anchor)
+    least = np.linalg.eigvalsh(back.information)[0]
+    assert least < 1.0, "the open direction is held to a metre at most"
+
+
+@given(st.lists(st.floats(1e-4, 400.0), min_size=3, max_size=3))
+def test_sigma_survives_to_a_level(values: list[float]) -> None:
+    back = packing.unpack_sigma(packing.pack_sigma(np.array(values)))
+    np.testing.assert_allclose(back, values, rtol=0.036)
+
+
+def test_no_error_stays_none() -> None:
+    assert not packing.unpack_sigma(packing.pack_sigma(np.zeros(3))).any()
 
 
 @pytest.mark.parametrize("matrix", [np.zeros((3, 3)), 1e12 * np.eye(3), -np.eye(3)])
@@ -130,17 +129,6 @@ def test_no_matrix_comes_out_with_a_negative_eigenvalue(matrix: np.ndarray) -> N
     back = decode_entry(encode_entry(Anchor(0, POSE, matrix)), 0)
     assert isinstance(back, Anchor)
     assert np.linalg.eigvalsh(back.information).min() >= 0.0
-
-
-def test_more_beams_than_there_can_be_are_refused() -> None:
-    with pytest.raises(MalformedMessageError, match="beams"):
-        decompress_scan(b"\xff\xff" + bytes(100))
-
-
-def test_what_follows_a_scan_is_refused() -> None:
-    scan = compress_scan(np.linspace(1.0, 5.0, 50))
-    with pytest.raises(MalformedMessageError):
-        decompress_scan(scan + b"\x00")
 
 
 def test_beacons_and_records_survive() -> None:

@@ -126,6 +126,31 @@ def test_nobody_is_told_at_once_what_he_wrote_himself() -> None:
     assert {name.log.robot for name in told} == {"r2"}
 
 
+def test_of_two_who_could_pass_a_log_on_one_does() -> None:
+    """Also while its owner writes on: r4, which r1 does not hear."""
+    teams = {name: make_team(name) for name in TEAM}
+    teams["r4"].write(knowledge("r4", 12))
+    links = {frozenset((a, b)) for a in TEAM for b in TEAM if a < b} - {frozenset(("r1", "r4"))}
+    told: list[EntryName] = []
+    air: list[tuple[str, int, RadioFrame]] = []
+    for tick in range(400):
+        if tick % 7 == 0 and tick < 300:
+            teams["r4"].write([Anchor(2 + tick // 7, Pose2(1.0, 0.1, 0.1), np.eye(3))])
+        for sender, sent, frame in air:
+            for name in TEAM:
+                if frozenset((sender, name)) in links and frame.to in ("*", name):
+                    teams[name].hear(tick, (heard(sender, sent, frame),))
+                    if name == "r1" and frame.kind == ENTRIES:
+                        told += [entry for entry, _ in unpack_entries(frame.payload)]
+        air = [(name, tick, frame) for name in TEAM for frame in teams[name].speak(tick, LIVE)]
+    passed_on = [name for name in told if name.log.robot == "r4"]
+    assert len(set(passed_on)) == teams["r4"].journal.count_of("r4")
+    # What reached both at once for the first time neither knows the other to hold.
+    repeated = {name.sequence for name in passed_on if passed_on.count(name) > 1}
+    assert all(sequence < 20 for sequence in repeated), sorted(repeated)
+    assert len({team.journal.digest() for team in teams.values()}) == 1
+
+
 def test_nothing_new_is_sent_between_equals() -> None:
     teams = {name: make_team(name) for name in ("r1", "r2")}
     teams["r1"].write(knowledge("r1", 20))
