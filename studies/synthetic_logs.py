@@ -1,7 +1,7 @@
 """Does SLAM stand logs of other buildings, range finders and wheels than those it was made with?
 
     python -m studies.synthetic_logs
-    python -m studies.synthetic_logs --maps MAPS/aces.yaml,MAPS/willow.yaml --metres 400 --json logs.json
+    python -m studies.synthetic_logs --maps MAPS/aces.yaml,MAPS/willow.yaml --json logs.json
     python -m studies.synthetic_logs --maps office --kinds sick-8m,sparse --seeds 0-4
     python -m studies.synthetic_logs --maps office --kinds frozen --out LOGS
 
