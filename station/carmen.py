@@ -1,6 +1,7 @@
 """Reader of CARMEN logs: laser scans and wheel odometry, plain or gzipped.
 
-Three kinds of lines are read, everything else in a log is skipped:
+Three kinds of lines are read, everything else in a log is skipped, as are scans of no beams and a
+last line that was cut while it was written:
 
     FLASER n r1 … rn x y θ odom_x odom_y odom_θ ipc_time host logger_time
     ROBOTLASERk type first fov resolution max_range accuracy remission_mode n r1 … rn m e1 … em
@@ -8,11 +9,13 @@ Three kinds of lines are read, everything else in a log is skipped:
     ODOM x y θ v ω a ipc_time host logger_time
 
 The poses of a ROBOTLASER line are the odometry's, of the laser and of the robot: so it says where
-on the robot the laser is. A log with several lasers is read for one of them.
+on the robot the laser is. A log with several lasers is read for one of them. Ranges may be NaN or
+infinite, all other numbers must be finite.
 """
 
 import gzip
 import math
+import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +24,7 @@ from typing import TextIO
 import numpy as np
 
 from protocol.pose import FloatArray, Pose2
+from station.no_return import without_codes
 from station.scan_log import (
     LoggedScan,
     ScanLog,
@@ -32,6 +36,7 @@ from station.scan_log import (
 
 FLASER, ROBOTLASER, ODOM = "FLASER", "ROBOTLASER", "ODOM"
 FLASER_TAIL = 9
+GZIP = b"\x1f\x8b"
 ODOM_FIELDS = 10
 # Before the number of ranges, and after the remissions.
 ROBOTLASER_HEAD, ROBOTLASER_TAIL = 7, 14
@@ -60,23 +65,43 @@ class CarmenScan:
     scanner: Scanner | None = None
 
 
-def read_carmen(path: Path) -> Iterator[CarmenScan | CarmenOdometry]:
-    """The scans and odometry readings of a log, in the order of the file, one at a time.
+def read_carmen(path: Path, odometry: bool = True) -> Iterator[CarmenScan | CarmenOdometry]:
+    """The scans and odometry readings of a log, in the order of the file, one at a time; without
+    `odometry` its lines are not looked at.
 
     Raises CarmenError when the file is missing, no text, or has a line that is cut or no number.
     """
     try:
         with _open(path) as lines:
             for number, line in enumerate(lines, start=1):
-                keyword = line.partition(" ")[0].strip()
-                if keyword == FLASER:
-                    yield _scan(line, path, number)
-                elif keyword == ODOM:
-                    yield _odometry(line, path, number)
-                elif keyword.startswith(ROBOTLASER) and keyword[len(ROBOTLASER) :].isdecimal():
-                    yield _robot_laser(keyword, line, path, number)
-    except (OSError, EOFError, UnicodeDecodeError) as error:
+                if "\0" in line:
+                    raise CarmenError(
+                        f"{path}: not a readable CARMEN log (line {number} is no text)"
+                    )
+                record = _record(line, path, number, odometry)
+                if record is not None:
+                    yield record
+    except (OSError, EOFError, zlib.error) as error:
         raise CarmenError(f"{path}: not a readable CARMEN log ({error})") from error
+
+
+def _record(
+    line: str, path: Path, number: int, odometry: bool
+) -> CarmenScan | CarmenOdometry | None:
+    """What a line says, None if nothing that is read."""
+    keyword = next(iter(line[:64].split(None, 1)), "")
+    try:
+        if keyword == FLASER:
+            return _scan(line.split(), path, number)
+        if keyword.startswith(ROBOTLASER) and keyword[len(ROBOTLASER) :].isdecimal():
+            return _robot_laser(keyword, line.split(), path, number)
+        if keyword == ODOM and odometry:
+            return _odometry(line.split(), path, number)
+    except CarmenError:
+        # Only the last line has no end: the logger was stopped, or ran out of disk, in the midst.
+        if line.endswith("\n"):
+            raise
+    return None
 
 
 def read_carmen_log(path: Path, laser: str | None = None) -> ScanLog:
@@ -86,7 +111,7 @@ def read_carmen_log(path: Path, laser: str | None = None) -> ScanLog:
     Raises CarmenError also when there are none, ScanLogError when their sizes differ.
     """
     found: dict[str, list[CarmenScan]] = {}
-    for record in read_carmen(path):
+    for record in read_carmen(path, odometry=False):
         if isinstance(record, CarmenScan):
             found.setdefault(record.laser, []).append(record)
     if laser is not None and laser not in found:
@@ -99,7 +124,8 @@ def read_carmen_log(path: Path, laser: str | None = None) -> ScanLog:
     check_scans(
         path, scans, f"no {FLASER} or {ROBOTLASER} line; expected a CARMEN log with laser scans"
     )
-    return ScanLog(scans, _one_scanner(path, records))
+    scanner = _one_scanner(path, records)
+    return ScanLog(scans, scanner) if scanner else without_codes(scans)
 
 
 def _one_scanner(path: Path, records: list[CarmenScan]) -> Scanner | None:
@@ -121,22 +147,24 @@ def _one_scanner(path: Path, records: list[CarmenScan]) -> Scanner | None:
 
 
 def _open(path: Path) -> TextIO:
-    if path.suffix == ".gz":
-        return gzip.open(path, "rt", encoding="ascii")
-    return path.open(encoding="ascii")
+    # Names in comments may be in any encoding.
+    with path.open("rb") as file:
+        zipped = file.read(len(GZIP)) == GZIP
+    return gzip.open(path, "rt", encoding="latin-1") if zipped else path.open(encoding="latin-1")
 
 
-def _scan(line: str, path: Path, number: int) -> CarmenScan:
-    fields = line.split()
+def _scan(fields: list[str], path: Path, number: int) -> CarmenScan | None:
     beams = _count(fields, 1)
-    if beams < 1 or len(fields) != 2 + beams + FLASER_TAIL:
+    if beams == 0:
+        return None
+    if beams < 0 or len(fields) != 2 + beams + FLASER_TAIL:
         raise CarmenError(
             f"{path}:{number}: expected FLASER, a number n, n ranges and {FLASER_TAIL} more; "
             f"got {len(fields)} fields for n = {beams}"
         )
     tail = fields[2 + beams :]
-    values = _numbers([*fields[2 : 2 + beams], *tail[:7], tail[8]], path, number)
-    ranges, rest = values[:beams], values[beams:]
+    ranges = _numbers(fields[2 : 2 + beams], path, number, finite=False)
+    rest = _numbers([*tail[:7], tail[8]], path, number)
     return CarmenScan(
         FLASER,
         LoggedScan(
@@ -149,27 +177,22 @@ def _scan(line: str, path: Path, number: int) -> CarmenScan:
     )
 
 
-def _robot_laser(keyword: str, line: str, path: Path, number: int) -> CarmenScan:
-    fields = line.split()
+def _robot_laser(keyword: str, fields: list[str], path: Path, number: int) -> CarmenScan | None:
     beams = _count(fields, 1 + ROBOTLASER_HEAD)
+    if beams == 0:
+        return None
     after = 2 + ROBOTLASER_HEAD + beams
     remissions = _count(fields, after)
-    if beams < 1 or remissions < 0 or len(fields) != after + 1 + remissions + ROBOTLASER_TAIL:
+    if beams < 0 or remissions < 0 or len(fields) != after + 1 + remissions + ROBOTLASER_TAIL:
         raise CarmenError(
             f"{path}:{number}: expected {keyword}, {ROBOTLASER_HEAD} numbers, n, n ranges, m, m "
             f"remissions and {ROBOTLASER_TAIL} more; got {len(fields)} fields for n = {beams} and "
             f"m = {remissions}"
         )
     tail = fields[after + 1 + remissions :]
-    first = 2 + ROBOTLASER_HEAD
-    values = _numbers(
-        [*fields[1 : 1 + ROBOTLASER_HEAD], *fields[first:after], *tail[:12], tail[13]], path, number
-    )
-    head, ranges, rest = (
-        values[:ROBOTLASER_HEAD],
-        values[ROBOTLASER_HEAD : ROBOTLASER_HEAD + beams],
-        values[ROBOTLASER_HEAD + beams :],
-    )
+    head = _numbers(fields[1 : 1 + ROBOTLASER_HEAD], path, number)
+    ranges = _numbers(fields[2 + ROBOTLASER_HEAD : after], path, number, finite=False)
+    rest = _numbers([*tail[:12], tail[13]], path, number)
     T_odom_laser, T_odom_base = Pose2.from_array(rest[:3]), Pose2.from_array(rest[3:6])
     max_range = float(head[4])
     scan = LoggedScan(
@@ -177,14 +200,13 @@ def _robot_laser(keyword: str, line: str, path: Path, number: int) -> CarmenScan
         logger_stamp=float(rest[12]),
         odometry=T_odom_base,
         pose=T_odom_base,
-        ranges=np.where(ranges < max_range, ranges, np.inf),
+        ranges=np.where(ranges >= max_range, np.inf, ranges),
     )
     mount = T_odom_base.inverse() @ T_odom_laser
     return CarmenScan(keyword, scan, Scanner(float(head[1]), float(head[2]), max_range, mount))
 
 
-def _odometry(line: str, path: Path, number: int) -> CarmenOdometry:
-    fields = line.split()
+def _odometry(fields: list[str], path: Path, number: int) -> CarmenOdometry:
     if len(fields) != ODOM_FIELDS:
         raise CarmenError(
             f"{path}:{number}: expected ODOM and {ODOM_FIELDS - 1} fields, got {len(fields) - 1}"
@@ -198,11 +220,11 @@ def _count(fields: list[str], at: int) -> int:
     return int(fields[at]) if at < len(fields) and fields[at].isdecimal() else -1
 
 
-def _numbers(fields: list[str], path: Path, number: int) -> FloatArray:
+def _numbers(fields: list[str], path: Path, number: int, finite: bool = True) -> FloatArray:
     try:
         values = np.array(fields, dtype=np.float64)
     except ValueError as error:
         raise CarmenError(f"{path}:{number}: {error}; expected numbers") from error
-    if not np.isfinite(values).all():
+    if finite and not np.isfinite(values).all():
         raise CarmenError(f"{path}:{number}: a value is not finite; expected plain numbers")
     return values

@@ -21,7 +21,7 @@ from robot.team.entries import Hello, Known, Link, decode_entry, encode_entry
 from robot.team.journal import decode_record
 from robot.team.log_reading import read_in_order
 from station.replay import ReplaySettings, in_order, lidar_of, moved, raw_motion
-from station.scan_log import LoggedScan, Scanner, read_log
+from station.scan_log import LoggedScan, ScanLog, read_log
 
 JOURNAL = ".journal"
 
@@ -65,10 +65,10 @@ def read_sources(paths: list[Path], split: int) -> tuple[list[Source], dict[str,
         scans = in_order(log.scans)
         name = _free_name(path.name.partition(".")[0], sources)
         if split > 1:
-            wholes[name] = Whole(_drive(scans, log.scanner)[1])
+            wholes[name] = Whole(_drive(scans, log)[1])
         for number in range(split):
             first, end = (len(scans) * k // split for k in (number, number + 1))
-            entries, _ = _drive(scans[first:end], log.scanner)
+            entries, _ = _drive(scans[first:end], log)
             label = f"{name}.{number + 1}" if split > 1 else name
             sources.append(Source(label, entries, False, (name, first)))
     if len(sources) < 2:
@@ -76,11 +76,10 @@ def read_sources(paths: list[Path], split: int) -> tuple[list[Source], dict[str,
     return sources, wholes
 
 
-def _drive(
-    scans: list[LoggedScan], scanner: Scanner | None
-) -> tuple[tuple[Known, ...], FloatArray]:
-    """A log as the journal of the robot that drove it, and the laser's pose (n×3) at every scan."""
-    lidar = lidar_of(len(scans[0].ranges), ReplaySettings(), scanner)
+def _drive(scans: list[LoggedScan], log: ScanLog) -> tuple[tuple[Known, ...], FloatArray]:
+    """Scans of a log as the journal of its robot, and the laser's pose (n×3) at each."""
+    scanner = log.scanner
+    lidar = lidar_of(len(scans[0].ranges), ReplaySettings(), scanner, log.reach_m)
     wheels = np.array([scan.odometry.to_array() for scan in scans])
     odometry = moved(wheels, scanner.T_base_laser if scanner else IDENTITY)
     engine = make_engine("graph", lidar, BodyConfig(), IDENTITY, Jobs())

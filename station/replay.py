@@ -4,6 +4,7 @@ A log may be played backwards, decimated, with odometry that is wrong by a facto
 noise on its ranges: what an engine must also stand.
 """
 
+import bisect
 import math
 import time
 from collections.abc import Callable
@@ -101,7 +102,12 @@ class Replay:
     found: Found | None
 
 
-def lidar_of(beams: int, settings: ReplaySettings, scanner: Scanner | None = None) -> LidarConfig:
+def lidar_of(
+    beams: int,
+    settings: ReplaySettings,
+    scanner: Scanner | None = None,
+    reach_m: float = math.inf,
+) -> LidarConfig:
     """The scanner as the log has it, or else one that looks forward. Of those an even number of
     beams over a half turn lacks the last one: 180 stand at −90…+89°, 361 at −90…+90°."""
     if not 3 <= beams <= MAX_BEAMS:
@@ -124,7 +130,7 @@ def lidar_of(beams: int, settings: ReplaySettings, scanner: Scanner | None = Non
         beams=beams,
         field_of_view_rad=span,
         angle_min_rad=first,
-        max_range_m=settings.max_range_m,
+        max_range_m=min(settings.max_range_m, reach_m),
         noise="none",
     )
 
@@ -155,7 +161,7 @@ def play(
     are left out. Raises ReplayError when nothing is left to play, UnknownEngineError.
     """
     scans = in_order(log.scans)
-    lidar = lidar_of(len(scans[0].ranges), settings, log.scanner)
+    lidar = lidar_of(len(scans[0].ranges), settings, log.scanner, log.reach_m)
     T_base_laser = log.scanner.T_base_laser if log.scanner else IDENTITY
     wheels = _wrong(np.array([scan.odometry.to_array() for scan in scans]), settings)
     odometry = moved(wheels, T_base_laser)
@@ -233,14 +239,27 @@ def moved(poses: FloatArray, T: Pose2) -> FloatArray:
 
 
 def in_order(scans: list[LoggedScan]) -> list[LoggedScan]:
-    """Without scans whose stamp is not after the one before. Raises ReplayError if few are left."""
-    kept: list[LoggedScan] = []
-    for scan in scans:
-        if not kept or scan.stamp > kept[-1].stamp:
-            kept.append(scan)
-    if len(kept) < 2:
-        raise ReplayError(f"{len(kept)} scans in the order of time; a log needs two at least")
-    return kept
+    """The most scans of which each has a later stamp than the one before: one that is far off costs
+    itself alone. Raises ReplayError if few are left."""
+    # Least stamps that end a row of 1, 2, … scans, which scan that is, and the one before each.
+    ends: list[float] = []
+    last: list[int] = []
+    before: list[int] = []
+    for number, scan in enumerate(scans):
+        place = bisect.bisect_left(ends, scan.stamp)
+        before.append(last[place - 1] if place else -1)
+        # Of scans with one stamp the first is kept.
+        if place == len(ends):
+            ends.append(scan.stamp)
+            last.append(number)
+        elif scan.stamp < ends[place]:
+            ends[place], last[place] = scan.stamp, number
+    if len(ends) < 2:
+        raise ReplayError(f"{len(ends)} scans in the order of time; a log needs two at least")
+    kept = [last[-1]]
+    while before[kept[-1]] >= 0:
+        kept.append(before[kept[-1]])
+    return [scans[number] for number in reversed(kept)]
 
 
 def _wrong(odometry: FloatArray, settings: ReplaySettings) -> FloatArray:

@@ -7,6 +7,8 @@ from pathlib import Path
 from protocol.errors import EarshotError
 from protocol.pose import IDENTITY, FloatArray, Pose2
 
+# No wheels have come so far: numbers beyond are damage, and would overflow.
+MAX_POSE_M = 1e8
 BAG_SUFFIXES = (".mcap", ".db3", ".bag")
 
 
@@ -43,10 +45,11 @@ class Scanner:
 @dataclass(frozen=True, slots=True)
 class ScanLog:
     """All scans of one range finder, in the order of the file. Without a `scanner` the log does not
-    say more of it than its number of beams."""
+    say more of it than its number of beams; up to where it measures, `reach_m`, may show then."""
 
     scans: list[LoggedScan]
     scanner: Scanner | None = None
+    reach_m: float = math.inf
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,12 +79,19 @@ def read_log(path: Path, channels: Channels | None = None) -> ScanLog:
 
 
 def check_scans(path: Path, scans: list[LoggedScan], expected: str) -> None:
-    """Raise ScanLogError when there are none, or their sizes differ."""
+    """Raise ScanLogError when there are none, their sizes differ, or they are nowhere on earth."""
     if not scans:
         raise ScanLogError(f"{path}: {expected}")
     sizes = sorted({len(scan.ranges) for scan in scans})
     if len(sizes) > 1:
         raise ScanLogError(f"{path}: scans of different sizes ({sizes}); expected one laser")
+    for scan in scans:
+        pose = scan.odometry
+        if max(abs(pose.x), abs(pose.y), abs(pose.theta)) > MAX_POSE_M:
+            raise ScanLogError(
+                f"{path}: the odometry at {scan.stamp:.3f} s is ({pose.x:g}, {pose.y:g}, "
+                f"{pose.theta:g}); expected metres and radians"
+            )
 
 
 def check_scanner(path: Path, scanner: Scanner) -> Scanner:

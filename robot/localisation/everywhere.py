@@ -56,7 +56,7 @@ def find_everywhere(
     step = SEARCH_RESOLUTION_M / max(reach, SEARCH_RESOLUTION_M)
     count = math.ceil(math.tau / min(max(step, MIN_ANGLE_STEP_RAD), MAX_ANGLE_STEP_RAD))
     angles = np.arange(count) * (math.tau / count)
-    found, complete = kernels.find_peaks(
+    found, complete, _ = kernels.find_peaks(
         known.pyramid.levels,
         known.open_cells,
         _cells(few, angles),

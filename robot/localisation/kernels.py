@@ -1,11 +1,15 @@
 """Compiled loops of localisation in a known map: all places where a scan may have been taken."""
 
 import heapq
+import math
 
 import numpy as np
 
 from protocol.kernel import inlined, kernel
 from robot.perception.search_kernels import bound_of
+
+# Above any sum of a search: up to 128 points of 255 each.
+MOST_TOTAL = 1 << 15
 
 
 @inlined
@@ -25,6 +29,46 @@ def _is_near(found, count, angle, row, column, size, near_cells, near_angles, an
     return False
 
 
+@inlined
+def _packed(total, level, angle, row, column):
+    """A block and its bound in one number; the order of the numbers is that of the tuples
+    (−total, level, angle, row, column), and a heap of them is several times as quick."""
+    return ((MOST_TOTAL - total) << 48) | (level << 44) | (angle << 32) | (row << 16) | column
+
+
+@inlined
+def _bounds_of_quarters(pyramid, level, cells, angle, row, column, bounds):
+    """`bound_of` for the four blocks of a level that one of the level above consists of: rows
+    first, then columns."""
+    rows = pyramid.shape[1]
+    columns = pyramid.shape[2]
+    half = 1 << level
+    maxima = pyramid[level]
+    bounds[0] = bounds[1] = bounds[2] = bounds[3] = 0
+    for k in range(cells.shape[1]):
+        r0 = cells[angle, k, 0] + row
+        c0 = cells[angle, k, 1] + column
+        r1 = r0 + half
+        c1 = c0 + half
+        # As in `bound_of`, of a block that starts before the grid the first node counts.
+        if r0 < 0:
+            r0 = 0 if r1 > 0 else -1
+            r1 = 0 if -half < r1 < 0 else r1
+        if c0 < 0:
+            c0 = 0 if c1 > 0 else -1
+            c1 = 0 if -half < c1 < 0 else c1
+        if 0 <= r0 < rows:
+            if 0 <= c0 < columns:
+                bounds[0] += maxima[r0, c0]
+            if 0 <= c1 < columns:
+                bounds[1] += maxima[r0, c1]
+        if 0 <= r1 < rows:
+            if 0 <= c0 < columns:
+                bounds[2] += maxima[r1, c0]
+            if 0 <= c1 < columns:
+                bounds[3] += maxima[r1, c1]
+
+
 @kernel
 def find_peaks(pyramid, open_cells, cells, floor, share, near_cells, near_angles, most, max_nodes):
     """The best offsets of rotated points on a field, each the best for some way around.
@@ -34,14 +78,14 @@ def find_peaks(pyramid, open_cells, cells, floor, share, near_cells, near_angles
     `open_cells` (levels×rows×columns, maxima over blocks as those of the field). Best-first, as in
     `search_kernels.branch_and_bound`, so peaks come in order: until one has less than `share` of
     the best one's total, or `floor`, or there are `most`. Returns peaks (k×4: total, angle, row,
-    column), and whether the search came to its end within `max_nodes`.
+    column), whether the search came to its end within `max_nodes`, and the nodes it looked at.
     """
     rows = pyramid.shape[1]
     columns = pyramid.shape[2]
     angles = cells.shape[0]
     top = pyramid.shape[0] - 1
     size = 1 << top
-    heap = [(0, 0, 0, 0, 0)]
+    heap = [0]
     heap.clear()
     for angle in range(angles):
         for row in range(0, rows, size):
@@ -49,39 +93,47 @@ def find_peaks(pyramid, open_cells, cells, floor, share, near_cells, near_angles
                 if open_cells[top, row, column] > 0:
                     total = bound_of(pyramid, top, cells, angle, row, column)
                     if total > floor:
-                        heap.append((-total, top, angle, row, column))
+                        heap.append(_packed(total, top, angle, row, column))
     heapq.heapify(heap)
     found = np.zeros((most, 4), dtype=np.int64)
+    bounds = np.zeros(4, dtype=np.int64)
+    least = floor
     count = 0
     nodes = 0
     while len(heap) > 0 and count < most:
-        negative, level, angle, row, column = heapq.heappop(heap)
-        if count > 0 and -negative < share * found[0, 0]:
-            return found[:count], True
+        packed = heapq.heappop(heap)
+        total = MOST_TOTAL - (packed >> 48)
+        level = (packed >> 44) & 0xF
+        angle = (packed >> 32) & 0xFFF
+        row = (packed >> 16) & 0xFFFF
+        column = packed & 0xFFFF
+        if count > 0 and total < share * found[0, 0]:
+            return found[:count], True, nodes
         nodes += 1
         if nodes > max_nodes:
-            return found[:count], False
+            return found[:count], False, nodes
         size = 1 << level
         if _is_near(found, count, angle, row, column, size, near_cells, near_angles, angles):
             continue
         if level == 0:
-            found[count, 0] = -negative
+            found[count, 0] = total
             found[count, 1] = angle
             found[count, 2] = row
             found[count, 3] = column
             count += 1
+            # What lies below the share ends the search: it need not come to the heap.
+            least = max(floor, int(math.ceil(share * found[0, 0])) - 1)
             continue
-        half = 1 << (level - 1)
-        for i in range(2):
-            for j in range(2):
-                r = row + i * half
-                c = column + j * half
-                if r >= rows or c >= columns or open_cells[level - 1, r, c] == 0:
-                    continue
-                total = bound_of(pyramid, level - 1, cells, angle, r, c)
-                if total > floor:
-                    heapq.heappush(heap, (-total, level - 1, angle, r, c))
-    return found[:count], len(heap) == 0
+        half = size >> 1
+        _bounds_of_quarters(pyramid, level - 1, cells, angle, row, column, bounds)
+        for i in range(4):
+            r = row + (i >> 1) * half
+            c = column + (i & 1) * half
+            if r >= rows or c >= columns or open_cells[level - 1, r, c] == 0:
+                continue
+            if bounds[i] > least:
+                heapq.heappush(heap, _packed(bounds[i], level - 1, angle, r, c))
+    return found[:count], len(heap) == 0, nodes
 
 
 @kernel

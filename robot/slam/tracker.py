@@ -87,7 +87,7 @@ class Tracker:
         reach = returns.median_range_m
         steady = self._last_scan_pose @ self._last_motion
         if self._is_jerky(steady, reach):
-            match = _better(match, _climb(submap, returns, expected, steady))
+            match = _better(submap, returns, match, _climb(submap, returns, expected, steady))
         if match.score < self._config.doubtful_score or self._is_vague(reach):
             match = _search(submap, returns, expected, self._prior_window(), match)
         if match.score < self._config.lost_score and _hits(submap, returns, match) < LOST_HITS:
@@ -135,7 +135,9 @@ def _search(
     else:
         pyramid = Pyramid.of(Blocks.under(submap.field, few.points, window), window.half_m)
     peak = search(pyramid, few, window, max(SEARCH_FLOOR, first.score))
-    return first if peak is None else _better(first, _climb(submap, returns, expected, peak.pose))
+    if peak is None:
+        return first
+    return _better(submap, returns, first, _climb(submap, returns, expected, peak.pose))
 
 
 def _hits(submap: Submap, returns: Returns, match: Match) -> float:
@@ -143,6 +145,20 @@ def _hits(submap: Submap, returns: Returns, match: Match) -> float:
     return submap.field.overlay(match.T_field_base, returns, rays=False).hits
 
 
-def _better(first: Match, other: Match) -> Match:
-    """The other match only if it is clearly more likely."""
-    return other if other.value > first.value + CLEARLY else first
+def _better(submap: Submap, returns: Returns, first: Match, other: Match) -> Match:
+    """The other match only if it is clearly more likely, also by what speaks against a place.
+
+    `Match.value` counts walls that are met, and so draws a scan that shows new ground back over
+    the old: there it has rays through walls, and returns in free ground.
+    """
+    gain = other.value - first.value
+    if gain <= CLEARLY:
+        return first
+    gain -= _contradiction(submap, returns, other) - _contradiction(submap, returns, first)
+    return other if gain > CLEARLY else first
+
+
+def _contradiction(submap: Submap, returns: Returns, match: Match) -> float:
+    """Weight of the returns where the submap is free, and of rays through its walls."""
+    compared, hits, _, crossing = submap.field.compare(match.T_field_base, returns)
+    return float(compared - hits + crossing * returns.values[:, 4].mean())

@@ -1,5 +1,6 @@
 """`earshot slam` and `earshot optimise`: what they measure, write and refuse."""
 
+import dataclasses
 import gzip
 import json
 import math
@@ -20,7 +21,7 @@ from station.relations import (
     reference_errors,
     relation_errors,
 )
-from station.replay import Replay, ReplayError, ReplaySettings, lidar_of, play
+from station.replay import Replay, ReplayError, ReplaySettings, in_order, lidar_of, play
 from station.scan_log import LoggedScan, ScanLog, Scanner
 
 BEAMS = 181
@@ -142,6 +143,13 @@ def test_what_cannot_be_played_is_refused() -> None:
         play(ScanLog([scans[0], scans[0]]), ReplaySettings())
     with pytest.raises(ReplayError, match="expected 3 to 4096"):
         lidar_of(2, ReplaySettings())
+
+
+def test_a_stamp_that_is_far_off_costs_its_scan_alone() -> None:
+    scans, _ = drive()
+    odd = [dataclasses.replace(scans[5], stamp=1e9), dataclasses.replace(scans[30], stamp=-1.0)]
+    mixed = [*scans[:5], odd[0], *scans[6:30], odd[1], *scans[31:], scans[-1]]
+    assert in_order(mixed) == [*scans[:5], *scans[6:30], *scans[31:]]
 
 
 def test_a_half_turn_of_an_even_number_of_beams_lacks_the_last() -> None:
