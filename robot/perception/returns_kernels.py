@@ -6,6 +6,13 @@ import numpy as np
 
 from protocol.kernel import inlined, kernel
 
+# A line explains its returns when they lie off it by this many times the variance that noise has.
+LINE_CHI2 = 2.0
+# A step between neighbouring returns that is more than this share of their distance, and more than
+# so many σ, is a step of the wall.
+STEP_SHARE = 0.2
+STEP_SIGMAS = 1.5
+
 
 @kernel
 def directions(angles, out):
@@ -36,7 +43,9 @@ def describe_returns(
     (0, 0) where the neighbours lie on no line.
     A return on a surface is moved onto the line through its neighbours, as far as noise explains,
     and its σ is the one across the surface: range noise along a grazing ray does not count there.
-    `links[i]` is 1 when return i and the next lie on one surface.
+    `links[i]` is 1 when return i and the next lie on one surface. Ragged walls are not smoothed and
+    no segment bridges their steps: both would look otherwise from each side, and robots that pass
+    would think that they got farther than they did.
     """
     n = ranges.shape[0]
     count = 0
@@ -70,10 +79,11 @@ def describe_returns(
             links[k] = 1
     shift = np.zeros(count)
     across = np.empty(count)
+    raw = np.zeros(count)
     for k in range(count):
         r = ranges[beam[k]]
         radius = max(normal_radius, 2.5 * r * increment, 4.0 * out[k, 5])
-        nx, ny, near, shift[k] = _normal(out, links, count, k, radius)
+        nx, ny, near, shift[k], misfit = _normal(out, links, count, k, radius)
         used = near
         if near < 3.0 and count > 2:
             before = _wrapped(k - 1, count)
@@ -92,9 +102,16 @@ def describe_returns(
             sigma_r = noise[0] + noise[1] * r
             along_ray = (sigma_r * sigma_r + noise[2] * r) * facing * facing
             sideways = (r * noise[3]) ** 2 * (1.0 - facing * facing)
-            raw = math.sqrt(along_ray + sideways)
-            across[k] = raw / math.sqrt(used)
-            shift[k] = min(max(shift[k], -2.0 * raw), 2.0 * raw)
+            raw[k] = math.sqrt(along_ray + sideways)
+            if used > 2.0 and misfit > LINE_CHI2 * (used - 2.0) * raw[k] * raw[k]:
+                used = 1.0
+                shift[k] = 0.0
+            across[k] = raw[k] / math.sqrt(used)
+            shift[k] = min(max(shift[k], -2.0 * raw[k]), 2.0 * raw[k])
+    for k in range(count):
+        following = _wrapped(k + 1, count)
+        if links[k] == 1 and _steps(out, raw, k, following):
+            links[k] = 0
     for k in range(count):
         out[k, 0] += shift[k] * out[k, 2]
         out[k, 1] += shift[k] * out[k, 3]
@@ -111,9 +128,24 @@ def _wrapped(k, count):
 
 
 @inlined
+def _steps(out, raw, k, following):
+    """Whether two linked returns lie on surfaces that the segment between them does not follow.
+    Where nobody knows the noise there is no telling, and none do."""
+    dx = out[following, 0] - out[k, 0]
+    dy = out[following, 1] - out[k, 1]
+    share = STEP_SHARE * math.sqrt(dx * dx + dy * dy)
+    for i in (k, following):
+        step = abs(out[i, 2] * dx + out[i, 3] * dy)
+        if raw[i] > 0.0 and step > max(share, STEP_SIGMAS * raw[i]):
+            return True
+    return False
+
+
+@inlined
 def _normal(out, links, count, k, radius):
     """Direction across the line through the linked neighbours of return k, (0, 0) for none; how
-    many they are, itself among them; and how far the line passes from the return."""
+    many they are, itself among them; how far the line passes from the return; and the sum of the
+    squares by which they are off it."""
     m = 1.0
     sx = 0.0
     sy = 0.0
@@ -141,7 +173,7 @@ def _normal(out, links, count, k, radius):
             sxy += dx * dy
             syy += dy * dy
     if m < 3.0:
-        return 0.0, 0.0, m, 0.0
+        return 0.0, 0.0, m, 0.0, 0.0
     sxx -= sx * sx / m
     sxy -= sx * sy / m
     syy -= sy * sy / m
@@ -149,16 +181,16 @@ def _normal(out, links, count, k, radius):
     half_difference = 0.5 * (sxx - syy)
     root = math.sqrt(half_difference * half_difference + sxy * sxy)
     if half_trace - root > 0.08 * (half_trace + root):
-        return 0.0, 0.0, m, 0.0
+        return 0.0, 0.0, m, 0.0, 0.0
     # The eigenvector of the small eigenvalue, from the row of the matrix that does not cancel.
     nx = -sxy if half_difference > 0.0 else root - half_difference
     ny = root + half_difference if half_difference > 0.0 else -sxy
     length = math.sqrt(nx * nx + ny * ny)
     if length == 0.0:
-        return 0.0, 0.0, m, 0.0
+        return 0.0, 0.0, m, 0.0, 0.0
     nx /= length
     ny /= length
-    return nx, ny, m, (sx * nx + sy * ny) / m
+    return nx, ny, m, (sx * nx + sy * ny) / m, half_trace - root
 
 
 @inlined
