@@ -8,10 +8,9 @@ from protocol.kernel import inlined, kernel
 
 # A line explains its returns when they lie off it by this many times the variance that noise has.
 LINE_CHI2 = 2.0
-# A step between neighbouring returns that is more than this share of their distance, and more than
-# so many σ, is a step of the wall.
-STEP_SHARE = 0.2
-STEP_SIGMAS = 1.5
+# Between neighbouring returns that step across their surface by more than this share of their
+# distance there is no wall to draw.
+STEP_SHARE = 0.1
 
 
 @kernel
@@ -110,7 +109,7 @@ def describe_returns(
             shift[k] = min(max(shift[k], -2.0 * raw[k]), 2.0 * raw[k])
     for k in range(count):
         following = _wrapped(k + 1, count)
-        if links[k] == 1 and _steps(out, raw, k, following):
+        if links[k] == 1 and not _is_bridged(out, raw, k, following):
             links[k] = 0
     for k in range(count):
         out[k, 0] += shift[k] * out[k, 2]
@@ -128,17 +127,21 @@ def _wrapped(k, count):
 
 
 @inlined
-def _steps(out, raw, k, following):
-    """Whether two linked returns lie on surfaces that the segment between them does not follow.
-    Where nobody knows the noise there is no telling, and none do."""
+def _is_bridged(out, raw, k, following):
+    """Whether the segment between two linked returns follows the surfaces that both lie on.
+
+    `raw` is the noise across the surface, 0 where there is none. Where nobody knows the noise there
+    is no telling a step from it, and all segments are taken.
+    """
+    if out[k, 5] == 0.0:
+        return True
+    if raw[k] == 0.0 or raw[following] == 0.0:
+        return False
     dx = out[following, 0] - out[k, 0]
     dy = out[following, 1] - out[k, 1]
-    share = STEP_SHARE * math.sqrt(dx * dx + dy * dy)
-    for i in (k, following):
-        step = abs(out[i, 2] * dx + out[i, 3] * dy)
-        if raw[i] > 0.0 and step > max(share, STEP_SIGMAS * raw[i]):
-            return True
-    return False
+    step = abs(out[k, 2] * dx + out[k, 3] * dy)
+    step_following = abs(out[following, 2] * dx + out[following, 3] * dy)
+    return max(step, step_following) <= STEP_SHARE * math.sqrt(dx * dx + dy * dy)
 
 
 @inlined
