@@ -66,8 +66,8 @@ class CorrelationField:
     nodes: ByteArray
     free: ByteArray
     origin: FloatArray
-    used_nodes: IntArray = dataclasses.field(default_factory=lambda: ALL.copy())
-    used_free: IntArray = dataclasses.field(default_factory=lambda: ALL.copy())
+    used_nodes: IntArray = dataclasses.field(default_factory=ALL.copy)
+    used_free: IntArray = dataclasses.field(default_factory=ALL.copy)
 
     @staticmethod
     def around(half_extent_m: float) -> "CorrelationField":

@@ -21,8 +21,8 @@ FRACTION_BITS = 40
 FRACTION = float(1 << FRACTION_BITS)
 # exp(−4 y) = (exp(−y))⁴ is drawn by the series of exp(−y), y ≤ REACH_SIGMAS² / 8: to 1e-4 of FULL.
 SERIES = tuple(np.float32((-1.0) ** n / math.factorial(n)) for n in range(7))
-# Two segments go straight on, with such a cosine between them: beside the bend less than 0.08 of the
-# reach is not drawn, where there is next to nothing.
+# Two segments go straight on, with such a cosine between them: beside the bend less than 0.08 of
+# the reach is not drawn, where there is next to nothing.
 STRAIGHT = 0.7
 # Rays mark cells from where the two beside them, half as many, are farther apart than so many.
 APART = 0.5
