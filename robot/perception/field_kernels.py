@@ -25,7 +25,7 @@ SERIES = tuple(np.float32((-1.0) ** n / math.factorial(n)) for n in range(7))
 # the reach is not drawn, where there is next to nothing.
 STRAIGHT = 0.7
 # Rays mark cells from where the two beside them, half as many, are farther apart than so many.
-APART = 0.5
+APART = 0.9
 ZERO = np.float32(0.0)
 HALF = np.float32(0.5)
 ONE = np.float32(1.0)
@@ -198,10 +198,18 @@ def mark_free(free, used, origin, resolution, pose, returns, count, margin, max_
         first = int(_unmarked(rays, k, count, APART * resolution) / resolution)
         column_at = _fixed(u) + first * column_step
         row_at = _fixed(v) + first * row_step
+        far = steps - 1 - first
+        # What is below 0 is very large. A ray lies within where its ends do.
+        within = (
+            np.uint64(column_at >> FRACTION_BITS) < columns
+            and np.uint64(row_at >> FRACTION_BITS) < rows
+            and np.uint64((column_at + far * column_step) >> FRACTION_BITS) < columns
+            and np.uint64((row_at + far * row_step) >> FRACTION_BITS) < rows
+        )
         for _ in range(first, steps):
-            column = np.uint64(column_at >> FRACTION_BITS)  # what is below 0 is very large
+            column = np.uint64(column_at >> FRACTION_BITS)
             row = np.uint64(row_at >> FRACTION_BITS)
-            if row < rows and column < columns:
+            if within or (row < rows and column < columns):
                 free[row, column] = 1
             column_at += column_step
             row_at += row_step
