@@ -166,6 +166,18 @@ def _fixed(x):
     return np.int64(math.floor(x * FRACTION + 0.5))
 
 
+@inlined
+def _are_within(column_at, column_step, columns, row_at, row_step, rows, steps):
+    """Whether all cells of a ray in fixed point lie within a grid: where both ends do."""
+    # What is below 0 is very large.
+    return (
+        np.uint64(column_at >> FRACTION_BITS) < columns
+        and np.uint64(row_at >> FRACTION_BITS) < rows
+        and np.uint64((column_at + steps * column_step) >> FRACTION_BITS) < columns
+        and np.uint64((row_at + steps * row_step) >> FRACTION_BITS) < rows
+    )
+
+
 @kernel
 def mark_free(free, used, origin, resolution, pose, returns, count, margin, max_range):
     """Set the cells (of a coarse grid) that rays passed, up to `margin` before their return.
@@ -198,13 +210,8 @@ def mark_free(free, used, origin, resolution, pose, returns, count, margin, max_
         first = int(_unmarked(rays, k, count, APART * resolution) / resolution)
         column_at = _fixed(u) + first * column_step
         row_at = _fixed(v) + first * row_step
-        far = steps - 1 - first
-        # What is below 0 is very large. A ray lies within where its ends do.
-        within = (
-            np.uint64(column_at >> FRACTION_BITS) < columns
-            and np.uint64(row_at >> FRACTION_BITS) < rows
-            and np.uint64((column_at + far * column_step) >> FRACTION_BITS) < columns
-            and np.uint64((row_at + far * row_step) >> FRACTION_BITS) < rows
+        within = _are_within(
+            column_at, column_step, columns, row_at, row_step, rows, max(0, steps - 1 - first)
         )
         for _ in range(first, steps):
             column = np.uint64(column_at >> FRACTION_BITS)
@@ -314,12 +321,16 @@ def overlay(
         stride = 1.0 / r
         column_at, column_step = _fixed(u), _fixed((c * x - s * y) * stride)
         row_at, row_step = _fixed(v), _fixed((s * x + c * y) * stride)
-        for _ in range(int(reach / resolution)):
+        steps = int(reach / resolution)
+        within = _are_within(
+            column_at, column_step, columns, row_at, row_step, rows, max(0, steps - 1)
+        )
+        for _ in range(steps):
             column = np.uint64(column_at >> FRACTION_BITS)
             row = np.uint64(row_at >> FRACTION_BITS)
             column_at += column_step
             row_at += row_step
-            if not (row < rows and column < columns) or field[row, column] < 200:
+            if not (within or (row < rows and column < columns)) or field[row, column] < 200:
                 continue
             # What the submap itself has seen through is no wall: people, legs of chairs.
             free_row = int(row * shrink + 0.5)
