@@ -19,8 +19,9 @@ LANES = 8
 # Rays step in fixed point, with so many bits behind the point: 1e-9 of a cell after any ray.
 FRACTION_BITS = 40
 FRACTION = float(1 << FRACTION_BITS)
-# exp(−4 y) = (exp(−y))⁴ is drawn by the series of exp(−y), y ≤ REACH_SIGMAS² / 8: to 1e-4 of FULL.
-SERIES = tuple(np.float32((-1.0) ** n / math.factorial(n)) for n in range(7))
+# exp(−4 y) = (exp(−y))⁴ is drawn by the best polynomial for exp(−y), y ≤ REACH_SIGMAS² / 8: to 2e-5
+# of FULL.
+BELL = tuple(np.float32(c) for c in (0.999997, -0.999732, 0.497026, -0.156018, 0.026562))
 # Two segments go straight on, with such a cosine between them: beside the bend less than 0.08 of
 # the reach is not drawn, where there is next to nothing.
 STRAIGHT = 0.7
@@ -128,6 +129,8 @@ def _draw_segment(field, box, ax, ay, bx, by, sigma, height):
     dy = np.float32(by - ay)
     length2 = dx * dx + dy * dy
     inverse_length2 = ONE / length2 if length2 > ZERO else ZERO
+    along_x = dx * inverse_length2
+    along_y = dy * inverse_length2
     scale = np.float32(0.125 / (sigma * sigma))
     limit = np.float32(0.125 * REACH_SIGMAS * REACH_SIGMAS)
     full = np.float32(FULL * height)
@@ -139,13 +142,13 @@ def _draw_segment(field, box, ax, ay, bx, by, sigma, height):
             for i in range(LANES):
                 # 32 bits: there is no vector instruction that makes floats of 64.
                 px = left + np.float32(np.int32(start + i))
-                t = min(ONE, max(ZERO, (px * dx + below * dy) * inverse_length2))
+                t = min(ONE, max(ZERO, px * along_x + below * along_y))
                 px -= t * dx
                 py = below - t * dy
                 y = (px * px + py * py) * scale
-                e = SERIES[5] + y * SERIES[6]
-                e = SERIES[3] + y * (SERIES[4] + y * e)
-                e = SERIES[0] + y * (SERIES[1] + y * (SERIES[2] + y * e))
+                # What does not wait for each other side by side: a row takes as long as its chain.
+                e = BELL[2] + y * BELL[3] + y * y * BELL[4]
+                e = BELL[0] + y * BELL[1] + y * y * e
                 e = e * e
                 e = e * e if y <= limit else ZERO
                 line[i] = max(line[i], np.uint8(np.int32(full * e + HALF)))
