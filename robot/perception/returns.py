@@ -61,8 +61,10 @@ class Returns:
         if total <= 0.0 or count == 0:
             return Returns(np.empty((0, 6)), np.empty(0, dtype=np.int64))
         levels = (np.arange(count) + 0.5) * (total / count)
-        chosen = np.searchsorted(np.cumsum(weight), levels)
-        chosen = np.unique(np.minimum(chosen, len(weight) - 1))
+        chosen = np.minimum(np.searchsorted(np.cumsum(weight), levels), len(weight) - 1)
+        new = np.ones(count, dtype=np.bool_)
+        np.not_equal(chosen[1:], chosen[:-1], out=new[1:])
+        chosen = chosen[new]
         return Returns(self.values[chosen], np.zeros(len(chosen), dtype=np.int64))
 
 
