@@ -41,10 +41,12 @@ class Returns:
         """n×2, m."""
         return self.values[:, :2]
 
-    @property
-    def median_range_m(self) -> float:
-        """How far away they are, half of them farther."""
-        return float(returns_kernels.median_range(self.values))
+    def are_moved(self, turned_rad: float, far_m: float) -> bool:
+        """Whether a turn of the robot moves most of them by more than `far_m`."""
+        if turned_rad <= 0.0:
+            return False
+        beyond = returns_kernels.count_beyond(self.values, far_m / turned_rad)
+        return bool(2 * beyond > len(self.values))
 
     def facing(self) -> "Returns":
         """The same with normals towards the sensor."""

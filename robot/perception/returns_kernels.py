@@ -232,9 +232,10 @@ def _grazing_normal(out, before, k, after):
 
 
 @kernel
-def median_range(returns):
-    """Median distance of returns (n×6, n > 0) from the robot."""
-    ranges = np.empty(returns.shape[0])
+def count_beyond(returns, limit):
+    """How many returns (n×6) are farther from the robot than that."""
+    count = 0
     for k in range(returns.shape[0]):
-        ranges[k] = math.sqrt(returns[k, 0] ** 2 + returns[k, 1] ** 2)
-    return np.median(ranges)
+        if returns[k, 0] ** 2 + returns[k, 1] ** 2 > limit * limit:
+            count += 1
+    return count

@@ -202,9 +202,7 @@ class NormalEquations:
         if fault == 2:
             raise PoseGraphError("an edge ties a node to itself")
         if fault == 3:
-            raise PoseGraphError(
-                f"node {place} is tied to no fixed node; fix one of its component"
-            )
+            raise PoseGraphError(f"node {place} is tied to no fixed node; fix one of its component")
 
 
 def floats(array: npt.ArrayLike) -> FloatArray:
