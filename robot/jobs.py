@@ -44,6 +44,8 @@ class Jobs:
 
     def landed(self, name: str, tick: int) -> list[Any]:
         """Results of the jobs of that name which land by `tick`, in the order they started."""
+        if not self._jobs:
+            return []
         due = [job for job in self._jobs if job.name == name and job.lands <= tick]
         self._jobs = [job for job in self._jobs if not (job.name == name and job.lands <= tick)]
         return [_result(job.outcome) for job in due]

@@ -1,5 +1,6 @@
 """Correlation field: how likely a surface is at each place, as far as some scans have seen."""
 
+import dataclasses
 import math
 from dataclasses import dataclass
 
@@ -11,6 +12,7 @@ from robot.perception import field_kernels
 from robot.perception.returns import Returns
 
 ByteArray = npt.NDArray[np.uint8]
+IntArray = npt.NDArray[np.int64]
 
 # Between nodes the field is straight: with nodes 5 cm apart matches are drawn to them, which bends
 # a map by a milliradian per metre driven.
@@ -25,6 +27,9 @@ FRONT_M = 0.3
 HIT_LEVEL = 0.15
 # Rays that end nearer than this behind a wall touch it rather than cross it.
 CROSSING_MARGIN_M = 0.3
+# First and last row, first and last column of what is used: everything, or nothing yet.
+ALL = np.array([0, 1 << 40, 0, 1 << 40])
+NONE = np.array([1 << 40, -1, 1 << 40, -1])
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,12 +59,15 @@ class Overlay:
 class CorrelationField:
     """A grid of nodes at `origin + (column, row) * RESOLUTION_M`: 0 nothing … 255 surface.
 
-    `free` is a coarser grid with the same origin, 1 where rays passed.
+    `free` is a coarser grid with the same origin, 1 where rays passed. Nothing is known outside of
+    `used_nodes` and `used_free` (first and last row, first and last column, all if not told).
     """
 
     nodes: ByteArray
     free: ByteArray
     origin: FloatArray
+    used_nodes: IntArray = dataclasses.field(default_factory=ALL.copy)
+    used_free: IntArray = dataclasses.field(default_factory=ALL.copy)
 
     @staticmethod
     def around(half_extent_m: float) -> "CorrelationField":
@@ -70,6 +78,8 @@ class CorrelationField:
             np.zeros((2 * half * ratio + 1,) * 2, dtype=np.uint8),
             np.zeros((2 * half + 1,) * 2, dtype=np.uint8),
             np.full(2, -half * FREE_RESOLUTION_M),
+            NONE.copy(),
+            NONE.copy(),
         )
 
     def draw(self, pose: Pose2, returns: Returns) -> None:
@@ -78,6 +88,7 @@ class CorrelationField:
         count = len(returns)
         field_kernels.draw_returns(
             self.nodes,
+            self.used_nodes,
             self.origin,
             RESOLUTION_M,
             at,
@@ -88,6 +99,7 @@ class CorrelationField:
         )
         field_kernels.mark_free(
             self.free,
+            self.used_free,
             self.origin,
             FREE_RESOLUTION_M,
             at,
@@ -158,16 +170,16 @@ class CorrelationField:
         """Make it empty again, which takes less time than a new one of its size."""
         nodes, free, _ = self._used()
         nodes[:], free[:] = 0, 0
+        self.used_nodes, self.used_free = NONE.copy(), NONE.copy()
 
     def _used(self) -> tuple[ByteArray, ByteArray, FloatArray]:
-        """Nodes, free ground and origin without the empty margin, as views."""
+        """Nodes, free ground and origin without the empty margin but for one cell, as views."""
         ratio = round(FREE_RESOLUTION_M / RESOLUTION_M)
-        row0, row1, column0, column1 = field_kernels.used_extent(self.nodes, self.free, ratio)
-        if row1 < 0:
+        drawn, passed = (self.used_nodes // ratio).tolist(), self.used_free.tolist()
+        row0, column0 = (max(0, min(drawn[i], passed[i]) - 1) for i in (0, 2))
+        row1, column1 = (max(drawn[i], passed[i]) + 2 for i in (1, 3))
+        if row1 <= row0:
             return self.nodes[:3, :3], self.free[:2, :2], self.origin
-        # The ridge of a wall may reach a few nodes beyond the last coarse cell that shows it.
-        row0, row1 = max(0, row0 - 2), min(self.free.shape[0], row1 + 3)
-        column0, column1 = max(0, column0 - 2), min(self.free.shape[1], column1 + 3)
         return (
             self.nodes[row0 * ratio : row1 * ratio, column0 * ratio : column1 * ratio],
             self.free[row0:row1, column0:column1],

@@ -11,7 +11,7 @@ from robot.perception.field import RESOLUTION_M, SIGMA_M, CorrelationField
 from robot.perception.returns import Returns
 
 MAX_ITERATIONS = 25
-TOLERANCE = 2e-4  # m and rad
+TOLERANCE = 5e-4  # m and rad: a step this short is the last
 MIN_RETURNS = 12
 
 # What a return is worth against the prior, in units of 1 / σ².

@@ -228,7 +228,12 @@ def match_returns(
         for i in range(3):
             step[i] *= stretch
         moved = math.sqrt(step[0] * step[0] + step[1] * step[1])
-        if max(moved, abs(step[2])) < tolerance or gain < MIN_GAIN * abs(value):
+        if max(moved, abs(step[2])) < tolerance:
+            _move(best, step, candidate)
+            best[:] = candidate
+            converged = True
+            break
+        if gain < MIN_GAIN * abs(value):
             converged = True
             break
         _move(best, step, candidate)

@@ -41,10 +41,12 @@ class Returns:
         """n×2, m."""
         return self.values[:, :2]
 
-    @property
-    def median_range_m(self) -> float:
-        """How far away they are, half of them farther."""
-        return float(returns_kernels.median_range(self.values))
+    def are_moved(self, turned_rad: float, far_m: float) -> bool:
+        """Whether a turn of the robot moves most of them by more than `far_m`."""
+        if turned_rad <= 0.0:
+            return False
+        beyond = returns_kernels.count_beyond(self.values, far_m / turned_rad)
+        return bool(2 * beyond > len(self.values))
 
     def facing(self) -> "Returns":
         """The same with normals towards the sensor."""
@@ -61,8 +63,10 @@ class Returns:
         if total <= 0.0 or count == 0:
             return Returns(np.empty((0, 6)), np.empty(0, dtype=np.int64))
         levels = (np.arange(count) + 0.5) * (total / count)
-        chosen = np.searchsorted(np.cumsum(weight), levels)
-        chosen = np.unique(np.minimum(chosen, len(weight) - 1))
+        chosen = np.minimum(np.searchsorted(np.cumsum(weight), levels), len(weight) - 1)
+        new = np.ones(count, dtype=np.bool_)
+        np.not_equal(chosen[1:], chosen[:-1], out=new[1:])
+        chosen = chosen[new]
         return Returns(self.values[chosen], np.zeros(len(chosen), dtype=np.int64))
 
 

@@ -76,13 +76,19 @@ def describe_returns(
         limit = max(3.0 * r * increment * gap_beams, 3.0 * spacing) + 3.0 * out[k, 5]
         if math.sqrt(dx * dx + dy * dy) < min(limit, max_gap):
             links[k] = 1
-    shift = np.zeros(count)
+    moments = np.empty((6, count))
+    for k in range(count):
+        r = ranges[beam[k]]
+        radius = max(normal_radius, 2.5 * r * increment, 4.0 * out[k, 5])
+        _moments(out, links, count, k, radius, moments)
+    lines = np.empty((4, count))
+    _lines(moments, lines)
+    shift = lines[2]
     across = np.empty(count)
     raw = np.zeros(count)
     for k in range(count):
         r = ranges[beam[k]]
-        radius = max(normal_radius, 2.5 * r * increment, 4.0 * out[k, 5])
-        nx, ny, near, shift[k], misfit = _normal(out, links, count, k, radius)
+        nx, ny, near, misfit = lines[0, k], lines[1, k], moments[0, k], lines[3, k]
         used = near
         if near < 3.0 and count > 2:
             before = _wrapped(k - 1, count)
@@ -145,10 +151,9 @@ def _is_bridged(out, raw, k, following):
 
 
 @inlined
-def _normal(out, links, count, k, radius):
-    """Direction across the line through the linked neighbours of return k, (0, 0) for none; how
-    many they are, itself among them; how far the line passes from the return; and the sum of the
-    squares by which they are off it."""
+def _moments(out, links, count, k, radius, moments):
+    """Of the linked neighbours of return k, itself among them: how many they are, and the sums of
+    x, y, x², x y and y² from it on, into column k."""
     m = 1.0
     sx = 0.0
     sy = 0.0
@@ -175,25 +180,38 @@ def _normal(out, links, count, k, radius):
             sxx += dx * dx
             sxy += dx * dy
             syy += dy * dy
-    if m < 3.0:
-        return 0.0, 0.0, m, 0.0, 0.0
-    sxx -= sx * sx / m
-    sxy -= sx * sy / m
-    syy -= sy * sy / m
-    half_trace = 0.5 * (sxx + syy)
-    half_difference = 0.5 * (sxx - syy)
-    root = math.sqrt(half_difference * half_difference + sxy * sxy)
-    if half_trace - root > 0.08 * (half_trace + root):
-        return 0.0, 0.0, m, 0.0, 0.0
-    # The eigenvector of the small eigenvalue, from the row of the matrix that does not cancel.
-    nx = -sxy if half_difference > 0.0 else root - half_difference
-    ny = root + half_difference if half_difference > 0.0 else -sxy
-    length = math.sqrt(nx * nx + ny * ny)
-    if length == 0.0:
-        return 0.0, 0.0, m, 0.0, 0.0
-    nx /= length
-    ny /= length
-    return nx, ny, m, (sx * nx + sy * ny) / m, half_trace - root
+    moments[0, k] = m
+    moments[1, k], moments[2, k] = sx, sy
+    moments[3, k], moments[4, k], moments[5, k] = sxx, sxy, syy
+
+
+@inlined
+def _lines(moments, lines):
+    """The lines through neighbours, by their `_moments` (6×n), into 4×n: direction across the line,
+    (0, 0) for none; how far it passes from the return; and the sum of the squares by which they
+    are off it.
+
+    All at once and without branches, for roots and divisions take long one after the other.
+    """
+    for k in range(moments.shape[1]):
+        m, sx, sy = moments[0, k], moments[1, k], moments[2, k]
+        sxx = moments[3, k] - sx * sx / m
+        sxy = moments[4, k] - sx * sy / m
+        syy = moments[5, k] - sy * sy / m
+        half_trace = 0.5 * (sxx + syy)
+        half_difference = 0.5 * (sxx - syy)
+        root = math.sqrt(half_difference * half_difference + sxy * sxy)
+        # The eigenvector of the small eigenvalue, from the row of the matrix that does not cancel.
+        nx = -sxy if half_difference > 0.0 else root - half_difference
+        ny = root + half_difference if half_difference > 0.0 else -sxy
+        length = math.sqrt(nx * nx + ny * ny)
+        is_line = (m >= 3.0) & (half_trace - root <= 0.08 * (half_trace + root)) & (length > 0.0)
+        nx /= length
+        ny /= length
+        lines[0, k] = nx if is_line else 0.0
+        lines[1, k] = ny if is_line else 0.0
+        lines[2, k] = (sx * nx + sy * ny) / m if is_line else 0.0
+        lines[3, k] = half_trace - root if is_line else 0.0
 
 
 @inlined
@@ -217,9 +235,10 @@ def _grazing_normal(out, before, k, after):
 
 
 @kernel
-def median_range(returns):
-    """Median distance of returns (n×6, n > 0) from the robot."""
-    ranges = np.empty(returns.shape[0])
+def count_beyond(returns, limit):
+    """How many returns (n×6) are farther from the robot than that."""
+    count = 0
     for k in range(returns.shape[0]):
-        ranges[k] = math.sqrt(returns[k, 0] ** 2 + returns[k, 1] ** 2)
-    return np.median(ranges)
+        if returns[k, 0] ** 2 + returns[k, 1] ** 2 > limit * limit:
+            count += 1
+    return count

@@ -1,8 +1,9 @@
 """Sparse Cholesky factorisation of a symmetric matrix of 3×3 blocks, its pattern analysed once.
 
 A pose graph couples whole poses, so the pattern is that of blocks: ordering and analysis see a
-ninth of the entries, and the loops multiply small dense blocks. The ordering is the approximate
-minimum degree one (Amestoy, Davis, Duff 1996) that qdldl finds for the graph of the blocks.
+ninth of the entries, and the loops multiply small dense blocks. The ordering is by minimum degree:
+of few blocks the exact one, of many the approximate one (Amestoy, Davis, Duff 1996) that qdldl
+finds for the graph of the blocks.
 """
 
 import numpy as np
@@ -17,6 +18,8 @@ IntArray = npt.NDArray[np.int64]
 
 # Keeps a direction that nothing measures from ending the factorisation.
 DIAGONAL_FLOOR = 1e-9
+# Up to so many blocks the exact minimum degree takes less time.
+FEW = 256
 
 
 class BlockCholesky:
@@ -119,8 +122,8 @@ def _distinct(keys: IntArray) -> IntArray:
 
 def _minimum_degree(count: int, pairs: IntArray) -> IntArray:
     """Where each block should stand so that little fills in."""
-    if count == 0:
-        return np.empty(0, dtype=np.int64)
+    if count <= FEW:
+        return np.asarray(cholesky_kernels.minimum_degree(count, pairs))
     # Of the graph's Laplacian, the upper triangle by columns: what SciPy would be slow to sort.
     each = np.arange(count)
     keys = _distinct(np.concatenate([_keys(count, pairs), each * count + each]))

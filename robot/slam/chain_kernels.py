@@ -34,6 +34,28 @@ def label_components(node_count, edge_nodes):
 
 
 @kernel
+def first_fault(node_count, edge_nodes, fixed):
+    """What is wrong with a graph: (1, edge) that names a node that is not there, (2, edge) that
+    ties a node to itself, (3, node) that is tied to no fixed one; (0, 0) if nothing is."""
+    for k in range(edge_nodes.shape[0]):
+        for end in range(2):
+            if not 0 <= edge_nodes[k, end] < node_count:
+                return 1, k
+    for k in range(edge_nodes.shape[0]):
+        if edge_nodes[k, 0] == edge_nodes[k, 1]:
+            return 2, k
+    labels = label_components(node_count, edge_nodes)
+    held = np.zeros(node_count, dtype=np.bool_)
+    for n in range(node_count):
+        if fixed[n]:
+            held[labels[n]] = True
+    for n in range(node_count):
+        if not held[labels[n]]:
+            return 3, n
+    return 0, 0
+
+
+@kernel
 def chain(edge_nodes, measurements, first, nodes):
     """Place nodes (m×3, NaN where no chain leads) by edges, from node 0 at `first`.
 

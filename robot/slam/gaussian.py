@@ -17,6 +17,14 @@ def invert_spd(matrix: FloatArray) -> FloatArray:
     return inverse
 
 
+def invert_sum(first: FloatArray, second: FloatArray) -> FloatArray:
+    """`invert_spd(first + second)`; arrays are taken as they are, in C order."""
+    inverse = np.empty((3, 3))
+    if not gaussian_kernels.invert_sum(first, second, inverse):
+        raise np.linalg.LinAlgError("the sum is not positive definite")
+    return inverse
+
+
 def advance(covariance: FloatArray, T_a_b: Pose2, added: FloatArray) -> FloatArray:
     """`carry(covariance, T_a_b) + added`; arrays are taken as they are, in C order."""
     out = np.empty((3, 3))

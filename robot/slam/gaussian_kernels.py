@@ -2,6 +2,8 @@
 
 import math
 
+import numpy as np
+
 from protocol.kernel import inlined, kernel
 
 
@@ -23,6 +25,16 @@ def invert_spd(matrix, out):
     out[1, 2] = out[2, 1] = (b * c - a * e) / determinant
     out[2, 2] = (a * d - b * b) / determinant
     return True
+
+
+@kernel
+def invert_sum(first, second, out):
+    """`invert_spd` of the sum of two matrices."""
+    total = np.empty((3, 3))
+    for r in range(3):
+        for c in range(3):
+            total[r, c] = first[r, c] + second[r, c]
+    return invert_spd(total, out)
 
 
 @kernel

@@ -196,18 +196,13 @@ class NormalEquations:
                 "a pose graph takes nodes m×3, edge_nodes k×2, measurements k×3, "
                 "information k×3×3, fixed m and robust k"
             )
-        if k and (self.edge_nodes.min() < 0 or self.edge_nodes.max() >= m):
+        fault, place = chain_kernels.first_fault(m, self.edge_nodes, np.array(fixed, dtype=bool))
+        if fault == 1:
             raise PoseGraphError(f"an edge names a node outside 0…{m - 1}")
-        if k and (self.edge_nodes[:, 0] == self.edge_nodes[:, 1]).any():
+        if fault == 2:
             raise PoseGraphError("an edge ties a node to itself")
-        labels = chain_kernels.label_components(m, self.edge_nodes)
-        held = np.zeros(m, dtype=bool)
-        held[labels[np.asarray(fixed, dtype=bool)]] = True
-        loose = np.flatnonzero(~held[labels])
-        if len(loose):
-            raise PoseGraphError(
-                f"node {loose[0]} is tied to no fixed node; fix one of its component"
-            )
+        if fault == 3:
+            raise PoseGraphError(f"node {place} is tied to no fixed node; fix one of its component")
 
 
 def floats(array: npt.ArrayLike) -> FloatArray:

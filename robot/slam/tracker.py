@@ -11,7 +11,7 @@ from robot.perception.odometry import Motion
 from robot.perception.returns import Returns
 from robot.perception.search import Blocks, Pyramid, Window, search
 from robot.slam.config import FrontEndConfig
-from robot.slam.gaussian import advance, invert_spd
+from robot.slam.gaussian import advance, invert_sum
 from robot.slam.submap import Submap
 
 SEARCH_POINTS = 90
@@ -61,13 +61,13 @@ class Tracker:
 
     def correct(self, submap: Submap, returns: Returns) -> Match:
         """Match a scan in the submap, and be where it says."""
-        expected = Expected(self.pose, invert_spd(self._since_match + PRIOR_FLOOR))
+        expected = Expected(self.pose, invert_sum(self._since_match, PRIOR_FLOOR))
         match = self._match(submap, returns, expected)
         self.pose = match.T_field_base
         self._last_motion = self._last_scan_pose.inverse() @ self.pose
         self._last_scan_pose = self.pose
         if match.reason != "few returns":
-            self.match_covariance = invert_spd(match.information + expected.information)
+            self.match_covariance = invert_sum(match.information, expected.information)
             self.covariance = self.match_covariance + self._drift(submap)
             self._since_match = np.zeros((3, 3))
         return match
@@ -84,30 +84,29 @@ class Tracker:
         match = _climb(submap, returns, expected, expected.pose)
         if match.reason == "few returns":
             return match
-        reach = returns.median_range_m
         steady = self._last_scan_pose @ self._last_motion
-        if self._is_jerky(steady, reach):
+        if self._is_jerky(steady, returns):
             match = _better(submap, returns, match, _climb(submap, returns, expected, steady))
-        if match.score < self._config.doubtful_score or self._is_vague(reach):
+        if match.score < self._config.doubtful_score or self._is_vague(returns):
             match = _search(submap, returns, expected, self._prior_window(), match)
         if match.score < self._config.lost_score and _hits(submap, returns, match) < LOST_HITS:
             window = Window(self._last_scan_pose, self._config.search_m, self._config.search_rad)
             match = _search(submap, returns, expected, window, match)
         return match
 
-    def _is_jerky(self, steady: Pose2, reach: float) -> bool:
+    def _is_jerky(self, steady: Pose2, returns: Returns) -> bool:
         """Whether the odometry stands still or jumps, such that constant velocity would put returns
-        (`reach` m away) out of a climb's reach. After a long way to this scan none is expected."""
+        out of a climb's reach. After a long way to this scan none is expected."""
         if math.hypot(self._last_motion.x, self._last_motion.y) > self._config.search_m:
             return False
         turned = abs(wrap_angle(steady.theta - self.pose.theta))
-        return max(self.pose.distance_to(steady), turned * reach) > VAGUE_M
+        return self.pose.distance_to(steady) > VAGUE_M or returns.are_moved(turned, VAGUE_M)
 
-    def _is_vague(self, reach: float) -> bool:
-        """Whether the odometry's error may carry returns `reach` m away out of a climb's reach."""
+    def _is_vague(self, returns: Returns) -> bool:
+        """Whether the odometry's error may carry returns out of a climb's reach."""
         sigma_m = math.sqrt(max(self._since_match[0, 0], self._since_match[1, 1]))
         sigma_rad = math.sqrt(self._since_match[2, 2])
-        return max(sigma_m, sigma_rad * reach) > VAGUE_M
+        return sigma_m > VAGUE_M or returns.are_moved(sigma_rad, VAGUE_M)
 
     def _prior_window(self) -> Window:
         """All that the odometry leaves open."""
