@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from protocol.pose import FloatArray, Pose2
-from robot.perception import field_kernels
+from robot.perception import drawing_kernels, field_kernels
 from robot.perception.returns import Returns
 
 ByteArray = npt.NDArray[np.uint8]
@@ -86,7 +86,7 @@ class CorrelationField:
         """Add what a scan at `pose` (`T_field_base`) saw."""
         at = pose.to_array()
         count = len(returns)
-        field_kernels.draw_returns(
+        drawing_kernels.draw_returns(
             self.nodes,
             self.used_nodes,
             self.origin,
@@ -97,7 +97,7 @@ class CorrelationField:
             count,
             SIGMA_M,
         )
-        field_kernels.mark_free(
+        drawing_kernels.mark_free(
             self.free,
             self.used_free,
             self.origin,
