@@ -5,12 +5,17 @@
 
 Needs Debian's mrpt-apps, with the settings of mrpt-common. Both run with their shipped settings for
 scans, icp-slam also with `fine`: every point of a scan, each 5 cm or 2°. The log is one of CARMEN
-with FLASER lines alone. Times are of the processor and by scan, for a peer those of its whole
-process, for Earshot all but reading the log. Poses are Earshot's final ones, and what a peer said
-at each scan: they write no others for all scans.
+with FLASER lines alone. Poses are Earshot's final ones, and what a peer said at each scan: they
+write no others for all scans.
+
+Times are of the processor. Each system plays the first `HEAD` scans by themselves and then the
+whole log: `ms_per_scan` is what a scan more takes, `start_s` what is left of the first run, for a
+peer its process with its settings and libraries, for Earshot the reading of compiled kernels
+(imports and the log are read before).
 """
 
 import dataclasses
+import itertools
 import re
 import resource
 import shutil
@@ -73,6 +78,9 @@ PEERS = {
 }
 
 
+HEAD = 100  # scans: enough to meet all that is loaded late, few beside any log
+
+
 class PeerError(EarshotError):
     """A peer that is not there, or gave no trajectory; the message says what to do."""
 
@@ -81,6 +89,7 @@ class Figures(Model):
     """One system with one setting on one log; the errors that were asked for."""
 
     ms_per_scan: float
+    start_s: float
     ate_rmse_m: float | None = None
     translation_mean_m: float | None = None
     rotation_mean_deg: float | None = None
@@ -94,7 +103,7 @@ class Measure:
     relations: Relations | None
     interpolate: bool
 
-    def figures(self, replay: Replay, seconds: float) -> Figures:
+    def figures(self, replay: Replay, scan_s: float, start_s: float) -> Figures:
         found: dict[str, float] = {}
         if self.reference is not None:
             found["ate_rmse_m"] = reference_errors(replay, self.reference).ate_rmse_m
@@ -102,7 +111,7 @@ class Measure:
             errors = relation_errors(replay, self.relations, self.interpolate)
             found["translation_mean_m"] = errors.translation_mean_m
             found["rotation_mean_deg"] = errors.rotation_mean_deg
-        return Figures(ms_per_scan=1e3 * seconds / len(replay.stamps), **found)
+        return Figures(ms_per_scan=1e3 * scan_s, start_s=start_s, **found)
 
 
 def require_peer() -> None:
@@ -161,25 +170,48 @@ def compare(
     path: Path, log: ScanLog, measure: Measure, limit_s: float
 ) -> Iterator[tuple[str, Figures | PeerError]]:
     """Earshot and each peer with each of its settings on one log, or why there is no answer."""
-    began = time.process_time()
-    replay = play(log, ReplaySettings())
-    yield "earshot", measure.figures(replay, time.process_time() - began)
+    head = dataclasses.replace(log, scans=log.scans[:HEAD])
+    (start, start_s), (replay, seconds) = _played(head), _played(log)
+    scan_s = seconds / len(replay.stamps)
+    yield "earshot", measure.figures(replay, scan_s, start_s - scan_s * len(start.stamps))
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder)
-        raw, single, pairs = (place / f"{name}.rawlog" for name in ("raw", "single", "pairs"))
-        _run(
-            ["carmen2rawlog", "-w", "-q", "-i", str(path.resolve()), "-o", str(raw)], place, limit_s
+        some = place / "head.clf"
+        write_text(some, _first_lines(path, HEAD))
+        heads, wholes = (
+            _rawlogs(*of, place, limit_s) for of in ((some, start), (path.resolve(), replay))
         )
-        single.write_bytes(mended(raw.read_bytes(), replay.stamps, replay.lidar))
-        pairs.write_bytes(paired(single.read_bytes()))
+        more = len(replay.stamps) - len(start.stamps)
         for name, setting in PEERS.items():
-            rawlog = single if setting.program == "icp-slam" else pairs
+            kind = setting.program == "icp-slam"
             try:
-                poses, seconds = path_of(setting, rawlog, len(replay.stamps), place, limit_s)
+                _, start_s = path_of(setting, heads[kind], len(start.stamps), place, limit_s)
+                poses, seconds = path_of(setting, wholes[kind], len(replay.stamps), place, limit_s)
             except PeerError as error:
                 yield name, error
-            else:
-                yield name, measure.figures(dataclasses.replace(replay, poses=poses), seconds)
+                continue
+            scan_s = (seconds - start_s) / more
+            start_s -= scan_s * len(start.stamps)
+            yield name, measure.figures(dataclasses.replace(replay, poses=poses), scan_s, start_s)
+
+
+def _played(log: ScanLog) -> tuple[Replay, float]:
+    began = time.process_time()
+    return play(log, ReplaySettings()), time.process_time() - began
+
+
+def _first_lines(path: Path, scans: int) -> str:
+    lines = (line for line in read_text(path).splitlines() if line.startswith("FLASER"))
+    return "".join(f"{line}\n" for line in itertools.islice(lines, scans))
+
+
+def _rawlogs(log: Path, replay: Replay, place: Path, limit_s: float) -> tuple[Path, Path]:
+    """The log as pairs of an action and its scan for rbpf-slam, and one by one for icp-slam."""
+    raw, single, pairs = (place / f"{log.stem}-{of}.rawlog" for of in ("raw", "single", "pairs"))
+    _run(["carmen2rawlog", "-w", "-q", "-i", str(log), "-o", str(raw)], place, limit_s)
+    single.write_bytes(mended(raw.read_bytes(), replay.stamps, replay.lidar))
+    pairs.write_bytes(paired(single.read_bytes()))
+    return pairs, single
 
 
 @one_line_errors

@@ -6,11 +6,18 @@ import numpy as np
 
 from protocol.kernel import inlined, kernel
 
-# A line explains its returns when they lie off it by this many times the variance that noise has.
-LINE_CHI2 = 2.0
+# Returns lie on a line when they spread across it by less than this share of along it (squares),
+FLAT = 0.08
+# or as far as noise can tell, if that leaves the line's direction so sure (variance, rad²).
+LEAN2 = 0.06
+# A line does not explain its returns when the χ² of their misfit is so many of its own standard
+# deviations above its mean. Fewer would take the noise of plain walls for rags, and the lines with
+# it that average it out.
+LINE_SIGMAS = 4.0
 # Between neighbouring returns that step across their surface by more than this share of their
-# distance there is no wall to draw.
+# distance, and so many σ, there is no wall to draw.
 STEP_SHARE = 0.1
+STEP_SIGMAS = 2.0
 
 
 @kernel
@@ -81,7 +88,7 @@ def describe_returns(
         r = ranges[beam[k]]
         radius = max(normal_radius, 2.5 * r * increment, 4.0 * out[k, 5])
         _moments(out, links, count, k, radius, moments)
-    lines = np.empty((4, count))
+    lines = np.empty((5, count))
     _lines(moments, lines)
     shift = lines[2]
     across = np.empty(count)
@@ -90,37 +97,35 @@ def describe_returns(
         r = ranges[beam[k]]
         nx, ny, near, misfit = lines[0, k], lines[1, k], moments[0, k], lines[3, k]
         used = near
-        if near < 3.0 and count > 2:
-            before = _wrapped(k - 1, count)
-            after = _wrapped(k + 1, count)
-            gap_before = _wrapped(beam[k] - beam[before], n)
-            gap_after = _wrapped(beam[after] - beam[k], n)
-            if gap_before <= 2 and gap_after <= 2:
-                nx, ny = _grazing_normal(out, before, k, after)
-                used = 1.0
+        variance = _across(out, k, r, nx, ny, noise)
+        if not _is_line(near, misfit, lines[4, k], variance):
+            nx, ny, used, shift[k] = 0.0, 0.0, 1.0, 0.0
+            if near < 3.0 and count > 2:
+                before = _wrapped(k - 1, count)
+                after = _wrapped(k + 1, count)
+                gap_before = _wrapped(beam[k] - beam[before], n)
+                gap_after = _wrapped(beam[after] - beam[k], n)
+                if gap_before <= 2 and gap_after <= 2:
+                    nx, ny = _grazing_normal(out, before, k, after)
+                    variance = _across(out, k, r, nx, ny, noise)
+        elif misfit > _greatest_chi2(near) * variance:
+            used, shift[k] = 1.0, 0.0
         out[k, 2] = nx
         out[k, 3] = ny
         out[k, 4] = min(1.0, r * increment / spacing)
         across[k] = out[k, 5]
         if nx != 0.0 or ny != 0.0:
-            facing = (out[k, 0] * nx + out[k, 1] * ny) / r
-            sigma_r = noise[0] + noise[1] * r
-            along_ray = (sigma_r * sigma_r + noise[2] * r) * facing * facing
-            sideways = (r * noise[3]) ** 2 * (1.0 - facing * facing)
-            raw[k] = math.sqrt(along_ray + sideways)
-            if used > 2.0 and misfit > LINE_CHI2 * (used - 2.0) * raw[k] * raw[k]:
-                used = 1.0
-                shift[k] = 0.0
+            raw[k] = math.sqrt(variance)
             across[k] = raw[k] / math.sqrt(used)
             shift[k] = min(max(shift[k], -2.0 * raw[k]), 2.0 * raw[k])
-    for k in range(count):
-        following = _wrapped(k + 1, count)
-        if links[k] == 1 and not _is_bridged(out, raw, k, following):
-            links[k] = 0
     for k in range(count):
         out[k, 0] += shift[k] * out[k, 2]
         out[k, 1] += shift[k] * out[k, 3]
         out[k, 5] = across[k]
+    for k in range(count):
+        following = _wrapped(k + 1, count)
+        if links[k] == 1 and not _is_bridged(out, raw, k, following):
+            links[k] = 0
     return count
 
 
@@ -133,11 +138,39 @@ def _wrapped(k, count):
 
 
 @inlined
+def _across(out, k, r, nx, ny, noise):
+    """The variance that noise has across a surface with that normal."""
+    facing = (out[k, 0] * nx + out[k, 1] * ny) / r
+    sigma_r = noise[0] + noise[1] * r
+    along_ray = (sigma_r * sigma_r + noise[2] * r) * facing * facing
+    return along_ray + (r * noise[3]) ** 2 * (1.0 - facing * facing)
+
+
+@inlined
+def _is_line(near, misfit, spread, variance):
+    """Whether neighbours lie on a line: by their shape, or as far as noise of that variance can
+    tell, if the line's direction is known in spite of it."""
+    if near < 3.0 or spread == 0.0:
+        return False
+    if misfit <= FLAT * spread:
+        return True
+    return variance <= LEAN2 * spread and misfit <= _greatest_chi2(near) * variance
+
+
+@inlined
+def _greatest_chi2(near):
+    """Of the misfit of so many neighbours, in variances of their noise."""
+    freedom = near - 2.0
+    return freedom + LINE_SIGMAS * math.sqrt(2.0 * freedom)
+
+
+@inlined
 def _is_bridged(out, raw, k, following):
     """Whether the segment between two linked returns follows the surfaces that both lie on.
 
-    `raw` is the noise across the surface, 0 where there is none. Where nobody knows the noise there
-    is no telling a step from it, and all segments are taken.
+    `raw` is the noise across the surface, 0 where there is none; of the returns as they were moved
+    onto their lines less is left. Where nobody knows the noise there is no telling a step from it,
+    and all segments are taken.
     """
     if out[k, 5] == 0.0:
         return True
@@ -147,7 +180,8 @@ def _is_bridged(out, raw, k, following):
     dy = out[following, 1] - out[k, 1]
     step = abs(out[k, 2] * dx + out[k, 3] * dy)
     step_following = abs(out[following, 2] * dx + out[following, 3] * dy)
-    return max(step, step_following) <= STEP_SHARE * math.sqrt(dx * dx + dy * dy)
+    noise = STEP_SIGMAS * math.sqrt(out[k, 5] ** 2 + out[following, 5] ** 2)
+    return max(step, step_following) <= STEP_SHARE * math.sqrt(dx * dx + dy * dy) + noise
 
 
 @inlined
@@ -187,9 +221,9 @@ def _moments(out, links, count, k, radius, moments):
 
 @inlined
 def _lines(moments, lines):
-    """The lines through neighbours, by their `_moments` (6×n), into 4×n: direction across the line,
-    (0, 0) for none; how far it passes from the return; and the sum of the squares by which they
-    are off it.
+    """The lines through neighbours, by their `_moments` (6×n), into 5×n: direction across the line,
+    (0, 0) for none; how far it passes from the return; and the sums of squares of how far they are
+    off it, and spread along it.
 
     All at once and without branches, for roots and divisions take long one after the other.
     """
@@ -205,13 +239,14 @@ def _lines(moments, lines):
         nx = -sxy if half_difference > 0.0 else root - half_difference
         ny = root + half_difference if half_difference > 0.0 else -sxy
         length = math.sqrt(nx * nx + ny * ny)
-        is_line = (m >= 3.0) & (half_trace - root <= 0.08 * (half_trace + root)) & (length > 0.0)
+        is_some = length > 0.0
         nx /= length
         ny /= length
-        lines[0, k] = nx if is_line else 0.0
-        lines[1, k] = ny if is_line else 0.0
-        lines[2, k] = (sx * nx + sy * ny) / m if is_line else 0.0
-        lines[3, k] = half_trace - root if is_line else 0.0
+        lines[0, k] = nx if is_some else 0.0
+        lines[1, k] = ny if is_some else 0.0
+        lines[2, k] = (sx * nx + sy * ny) / m if is_some else 0.0
+        lines[3, k] = half_trace - root
+        lines[4, k] = half_trace + root if is_some else 0.0
 
 
 @inlined
