@@ -90,6 +90,24 @@ def bound_of(pyramid, level, cells, angle, row, column):
     return total
 
 
+@inlined
+def _coarsest_blocks(pyramid, cells, half_rows, half_columns, floor):
+    """A heap of the blocks of offsets that may hold more than the floor, of the largest size:
+    (minus its bound, level, angle, first row, first column)."""
+    top = pyramid.shape[0] - 1
+    size = 1 << top
+    heap = [(0, 0, 0, 0, 0)]
+    heap.clear()
+    for angle in range(cells.shape[0]):
+        for row in range(-half_rows, half_rows + 1, size):
+            for column in range(-half_columns, half_columns + 1, size):
+                total = bound_of(pyramid, top, cells, angle, row, column)
+                if total > floor:
+                    heap.append((-total, top, angle, row, column))
+    heapq.heapify(heap)
+    return heap
+
+
 @kernel
 def branch_and_bound(
     pyramid,
@@ -114,17 +132,7 @@ def branch_and_bound(
     After Olson, "Real-time correlative scan matching", 2009 and Hess et al., "Real-time loop
     closure in 2D lidar SLAM", 2016.
     """
-    top = pyramid.shape[0] - 1
-    size = 1 << top
-    heap = [(0, 0, 0, 0, 0)]
-    heap.clear()
-    for angle in range(cells.shape[0]):
-        for row in range(-half_rows, half_rows + 1, size):
-            for column in range(-half_columns, half_columns + 1, size):
-                total = bound_of(pyramid, top, cells, angle, row, column)
-                if total > floor:
-                    heap.append((-total, top, angle, row, column))
-    heapq.heapify(heap)
+    heap = _coarsest_blocks(pyramid, cells, half_rows, half_columns, floor)
     best = (0, -1, 0, 0)
     second = (0, -1, 0, 0)
     nodes = 0
@@ -199,17 +207,7 @@ def find_peaks(
     They come in order, until one has less than `share` of the best or there are `most`. Returns
     peaks (k×4: total, angle, row, column).
     """
-    top = pyramid.shape[0] - 1
-    size = 1 << top
-    heap = [(0, 0, 0, 0, 0)]
-    heap.clear()
-    for angle in range(cells.shape[0]):
-        for row in range(-half_rows, half_rows + 1, size):
-            for column in range(-half_columns, half_columns + 1, size):
-                total = bound_of(pyramid, top, cells, angle, row, column)
-                if total > floor:
-                    heap.append((-total, top, angle, row, column))
-    heapq.heapify(heap)
+    heap = _coarsest_blocks(pyramid, cells, half_rows, half_columns, floor)
     found = np.zeros((most, 4), dtype=np.int64)
     count = 0
     nodes = 0
