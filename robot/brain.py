@@ -37,6 +37,7 @@ from robot.slam.saved_map import SavedMap
 from robot.slam.trajectory import RelativeTrajectory
 from robot.team.homecoming import Homecoming
 from robot.team.joint import Solution, anchor_pose, anchor_poses
+from robot.team.journal import LogName
 from robot.team.links import LinkFinder
 from robot.team.place_finder import PlaceFinder
 from robot.team.purposes import Usage, book
@@ -45,6 +46,8 @@ from robot.team.team import LiveState, Team
 FOLLOW_EVERY_TICKS = 10
 DRAWN_PER_TICK = 8
 FRESH_TICKS = 60  # a beacon older than this says nothing of where a teammate is
+# With nothing left to explore, those in range get so long to hold what a robot held then.
+TOLD_TICKS = 100
 
 
 class Brain:
@@ -71,6 +74,7 @@ class Brain:
         self._dead_reckoned = RelativeTrajectory()
         self._estimate = Estimate(self._start, np.zeros((3, 3)))
         self._decision: Decision | None = None
+        self._finished: tuple[int, dict[LogName, int]] | None = None
         self._sightings: dict[str, tuple[int, Pose2]] = {}
         self._counts = {"frames_sent": 0, "bytes_sent": 0, "frames_heard": 0, "bytes_heard": 0}
         self._sent_for: Usage = {}
@@ -94,7 +98,7 @@ class Brain:
         return Action(
             tick=sense.tick,
             drive=decision.drive,
-            finished=decision.finished,
+            finished=self._is_done(sense.tick, decision),
             frame_count=len(frames),
             frames=frames,
         )
@@ -153,6 +157,17 @@ class Brain:
     def _is_explored(self) -> bool:
         """Whether at the last decision nothing was left to explore."""
         return self._decision is not None and self._decision.explored
+
+    def _is_done(self, tick: int, decision: Decision) -> bool:
+        """Whether nothing is left to explore, and those in range hold what this robot held when it
+        found that out: the world ends the run when all say so."""
+        if not decision.finished:
+            self._finished = None
+            return False
+        if self._finished is None:
+            self._finished = tick, self._team.journal.vector()
+        since, vector = self._finished
+        return tick - since >= TOLD_TICKS or self._team.gossip.is_held(vector, tick)
 
     def _speak(self, sense: Sense, decision: Decision) -> tuple[RadioFrame, ...]:
         anchor, T_anchor_base = self._anchored()

@@ -51,6 +51,11 @@ class Gossip:
             name for name in sorted(self.peers) if tick - self.peers[name].heard <= IN_RANGE_TICKS
         )
 
+    def is_held(self, vector: dict[LogName, int], tick: int) -> bool:
+        """Whether everybody in range was last heard to hold what that vector names."""
+        heard = [self.peers[name].vector for name in self.in_range(tick)]
+        return all(held.get(log, 0) >= count for held in heard for log, count in vector.items())
+
     def hear_vector(
         self, tick: int, sender: str, vector: dict[LogName, int], hears: tuple[str, ...]
     ) -> None:

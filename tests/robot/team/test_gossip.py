@@ -85,6 +85,22 @@ def test_two_robots_that_meet_know_the_same() -> None:
     assert one.journal.digest() == two.journal.digest()
 
 
+def test_a_robot_knows_when_those_in_range_hold_what_it_held() -> None:
+    teams = {name: make_team(name) for name in ("r1", "r2", "r3")}
+    for name, team in teams.items():
+        team.write(knowledge(name, 12))
+    gossip, pair = teams["r1"].gossip, {frozenset(("r1", "r2"))}
+    then = teams["r1"].journal.vector()
+    assert gossip.is_held(then, 0)  # nobody is there
+    exchange(teams, range(3), pair)
+    assert not gossip.is_held(then, 2)
+    exchange(teams, range(3, 42), pair)
+    assert gossip.is_held(then, 41)  # r3 is out of range, and so not asked
+    teams["r1"].write(knowledge("r1", 1)[1:])
+    assert gossip.is_held(then, 41)
+    assert not gossip.is_held(teams["r1"].journal.vector(), 41)
+
+
 def test_entries_travel_through_a_third_robot() -> None:
     teams = {name: make_team(name) for name in ("r1", "r2", "r3")}
     for name, team in teams.items():
