@@ -52,6 +52,14 @@ def test_synthetic_building(backwards: bool) -> None:
     [
         ("mit-csail", False, 0.0, 0.08),
         ("mit-csail", False, 0.01, 0.12),
+        pytest.param(
+            "mit-csail",
+            True,
+            0.0,
+            0.12,
+            marks=pytest.mark.xfail(strict=True, reason="0.141 m, of a spread from 0.09"),
+        ),
+        ("mit-csail", True, 0.01, 0.15),  # was 0.83: a turn ended on a lesser peak
         ("intel-910", False, 0.0, 0.12),
         ("intel-910", True, 0.0, 0.12),
     ],
@@ -67,14 +75,14 @@ def test_loops_of_other_logs_close(
 
 
 def test_mit_csail_backwards() -> None:
-    """From 0.09 to 0.14 m, as ranges are rounded; 0.83 where a turn ended on a lesser peak."""
+    """One run says little: five seeds of range noise scatter from 0.09 to 0.14 m."""
     reference = read_tum(DATA / "carmen" / "mit-csail.reference.tum")
     errors = [
         reference_errors(replay("mit-csail", True, 0.01, seed), reference).ate_rmse_m
         for seed in range(1, 6)
     ]
     assert np.median(errors) <= 0.12
-    assert max(errors) <= 0.2
+    assert max(errors) <= 0.15
 
 
 @pytest.mark.parametrize(
