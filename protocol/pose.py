@@ -42,7 +42,7 @@ class Pose2:
         return Pose2(
             self.x + c * other.x - s * other.y,
             self.y + s * other.x + c * other.y,
-            wrap_angle(self.theta + other.theta),
+            (self.theta + other.theta + math.pi) % (2.0 * math.pi) - math.pi,
         )
 
     def inverse(self) -> "Pose2":
@@ -83,7 +83,7 @@ class Pose2:
     @staticmethod
     def from_array(values: "FloatArray | tuple[float, float, float] | list[float]") -> "Pose2":
         if isinstance(values, np.ndarray):
-            values = values.tolist()  # its numbers one by one would take longer
+            return Pose2(*values.tolist())  # its numbers one by one would take longer
         return Pose2(float(values[0]), float(values[1]), float(values[2]))
 
     def to_array(self) -> FloatArray:

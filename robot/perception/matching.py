@@ -1,7 +1,6 @@
 """Scan matching: the pose at which the returns of a scan lie best on a correlation field."""
 
-from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -25,8 +24,7 @@ NO_PRIOR = np.zeros((3, 3))
 Reason = Literal["converged", "iterations", "few returns"]
 
 
-@dataclass(frozen=True, slots=True)
-class Match:
+class Match(NamedTuple):
     """A pose of a scan on a field, and how good it is.
 
     `information` (3×3) is that of the returns alone, in the tangent space at the pose. `score` is
@@ -67,7 +65,7 @@ def match_returns(
         SIGMA_M,
         TRUST,
         prior.to_array(),
-        np.ascontiguousarray(prior_information),
+        prior_information,
         PRIOR_SCALE_SQUARED,
         MAX_ITERATIONS,
         TOLERANCE,
@@ -77,9 +75,9 @@ def match_returns(
     return Match(
         Pose2.from_array(pose),
         information,
-        float(score),
-        float(value),
-        int(iterations),
-        bool(converged),
+        score,
+        value,
+        iterations,
+        converged,
         "converged" if converged else "iterations",
     )

@@ -1,6 +1,6 @@
 """From cumulative wheel counts to motion with covariance."""
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,8 +12,7 @@ STILL_SIGMA_M = 2e-4
 STILL_SIGMA_RAD = 5e-4
 
 
-@dataclass(frozen=True, slots=True)
-class Motion:
+class Motion(NamedTuple):
     """The motion since the last one: `T_before_now`, and its covariance (3×3) in the tangent
     space at `now`, ordered (x, y, θ)."""
 

@@ -57,17 +57,9 @@ class Returns:
 
     def thinned(self, limit: int) -> "Returns":
         """At most `limit` of the returns, spread evenly over the weight, for a search."""
-        weight = self.values[:, 4]
-        total = float(weight.sum())
-        count = min(limit, len(weight))
-        if total <= 0.0 or count == 0:
-            return Returns(np.empty((0, 6)), np.empty(0, dtype=np.int64))
-        levels = (np.arange(count) + 0.5) * (total / count)
-        chosen = np.minimum(np.searchsorted(np.cumsum(weight), levels), len(weight) - 1)
-        new = np.ones(count, dtype=np.bool_)
-        np.not_equal(chosen[1:], chosen[:-1], out=new[1:])
-        chosen = chosen[new]
-        return Returns(self.values[chosen], np.zeros(len(chosen), dtype=np.int64))
+        values = np.empty((limit, 6))
+        count = returns_kernels.thin(self.values, limit, values)
+        return Returns(values[:count], np.zeros(count, dtype=np.int64))
 
 
 def noise_model(lidar: LidarConfig) -> FloatArray:
@@ -80,28 +72,38 @@ def noise_model(lidar: LidarConfig) -> FloatArray:
     return np.array([linear, growth, per_metre, lidar.sigma_angle_rad])
 
 
+@dataclass(frozen=True, slots=True)
+class _Beams:
+    """Of all scans of one range finder: cosines and sines (n×2) of its angles, the angle from one
+    beam to the next, and whether the last one is next to the first."""
+
+    directions: FloatArray
+    increment: float
+    wrap: bool
+
+
 @functools.lru_cache(maxsize=16)
-def _beams(angles: bytes) -> tuple[FloatArray, FloatArray]:
-    """Angles (n) from their bytes, and their cosines and sines (n×2): the same for all scans."""
+def _beams(angles: bytes) -> _Beams:
+    """From the bytes of the angles (n)."""
     values = np.frombuffer(angles, dtype=np.float64)
     directions = np.empty((len(values), 2))
     returns_kernels.directions(values.copy(), directions)
-    return values, directions
+    increment = float(values[1] - values[0])
+    wrap = bool(abs(len(values) * increment - 2.0 * math.pi) < 0.5 * increment)
+    return _Beams(directions, increment, wrap)
 
 
 def describe_returns(scan: LaserScan, noise: FloatArray, max_range_m: float) -> Returns:
     """The returns of a scan up to a range; beams without one (NaN, +inf) leave no trace."""
     ranges = np.array(scan.ranges, dtype=np.float64)
-    angles, directions = _beams(np.asarray(scan.angles, dtype=np.float64).tobytes())
-    increment = float(angles[1] - angles[0])
-    wraps = bool(abs(len(angles) * increment - 2.0 * math.pi) < 0.5 * increment)
+    beams = _beams(np.asarray(scan.angles, dtype=np.float64).tobytes())
     values = np.empty((len(ranges), 6))
-    links = np.zeros(len(ranges), dtype=np.int64)
+    links = np.empty(len(ranges), dtype=np.int64)
     count = returns_kernels.describe_returns(
         ranges,
-        directions,
-        increment,
-        wraps,
+        beams.directions,
+        beams.increment,
+        beams.wrap,
         max_range_m,
         MAX_GAP_M,
         NORMAL_RADIUS_M,

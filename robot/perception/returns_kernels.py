@@ -277,3 +277,30 @@ def count_beyond(returns, limit):
         if returns[k, 0] ** 2 + returns[k, 1] ** 2 > limit * limit:
             count += 1
     return count
+
+
+@kernel
+def thin(returns, limit, out):
+    """Choose at most `limit` of the returns (n×6), spread evenly over the weight, into `out`
+    (limit×6); how many."""
+    n = returns.shape[0]
+    total = 0.0
+    for k in range(n):
+        total += returns[k, 4]
+    wanted = min(limit, n)
+    if total <= 0.0:
+        return 0
+    count = 0
+    chosen = 0
+    last = -1
+    reached = returns[0, 4]
+    for i in range(wanted):
+        level = (i + 0.5) * (total / wanted)
+        while reached < level and chosen < n - 1:
+            chosen += 1
+            reached += returns[chosen, 4]
+        if chosen != last:
+            out[count] = returns[chosen]
+            count += 1
+            last = chosen
+    return count

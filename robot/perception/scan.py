@@ -1,7 +1,7 @@
 """A range scan as the rest of the robot uses it."""
 
 import functools
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -15,8 +15,7 @@ from robot.perception import scan_kernels
 TEAMMATE_MARGIN_M = 0.15
 
 
-@dataclass(frozen=True, slots=True)
-class LaserScan:
+class LaserScan(NamedTuple):
     """One scan in the robot's frame (x forward, y left).
 
     `ranges` (n): metres; +inf where nothing was hit within `max_range_m`, NaN where the beam says

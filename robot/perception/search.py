@@ -38,14 +38,13 @@ class Window:
 class Peak:
     """The best pose in a window, and how it compares with the best one elsewhere in it.
 
-    `score` and `runner_up` are as in Match, but on the coarser grid. `exact` is False when the
-    bounded search ended early: `runner_up` is then an upper bound.
+    `score` and `runner_up` are as in Match, but on the coarser grid; a runner-up of less than the
+    share that was asked for, and any at all after `MAX_NODES`, is an upper bound.
     """
 
     pose: Pose2
     score: float
     runner_up: float
-    exact: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,19 +66,23 @@ class Blocks:
     @staticmethod
     def under(field: CorrelationField, points: FloatArray, window: "Window") -> "Blocks":
         """Of the part in which points (n×2, robot's frame) can lie in a window."""
-        placed = window.centre.apply(points) - field.origin
-        farthest = float(np.hypot(points[:, 0], points[:, 1]).max())
-        reach = window.half_m + farthest * min(window.half_rad, 2.0)
-        limit = -(-np.array(field.nodes.shape[::-1]) // NODES_PER_CELL)
-        low = np.floor((placed.min(axis=0) - reach) / SEARCH_RESOLUTION_M)
-        high = np.ceil((placed.max(axis=0) + reach) / SEARCH_RESOLUTION_M)
-        first = np.clip(low, 0, limit - 1).astype(np.int64)
-        columns, rows = np.maximum(np.clip(high, 1, limit).astype(np.int64) - first, 1)
-        column, row = first * NODES_PER_CELL
-        maxima = search_kernels.block_maxima(
-            field.nodes, int(row), int(column), int(rows), int(columns)
+        centre = window.centre
+        row, column, rows, columns = search_kernels.cells_under(
+            points,
+            centre.x,
+            centre.y,
+            centre.theta,
+            window.half_m,
+            window.half_rad,
+            field.origin,
+            RESOLUTION_M,
+            *field.nodes.shape,
         )
-        return Blocks(field, maxima, field.origin + first * SEARCH_RESOLUTION_M)
+        maxima = search_kernels.block_maxima(
+            field.nodes, row * NODES_PER_CELL, column * NODES_PER_CELL, rows, columns
+        )
+        first = np.array([column, row]) * SEARCH_RESOLUTION_M
+        return Blocks(field, maxima, field.origin + first)
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,10 +113,19 @@ def _levels(half_m: float) -> int:
     return min(MAX_LEVELS, max(2, math.ceil(math.log2(cells))))
 
 
-def search(pyramid: Pyramid, returns: Returns, window: Window, floor: float) -> Peak | None:
-    """The best pose (`T_field_base`) in a window; None when none reaches the score `floor`.
+def search(
+    pyramid: Pyramid,
+    returns: Returns,
+    window: Window,
+    floor: float,
+    share: float = 0.0,
+    known: Pose2 | None = None,
+) -> Peak | None:
+    """The best pose (`T_field_base`) in a window; None when none reaches the score `floor`, or when
+    it is the one `known` already.
 
-    All returns count alike: thin them before (`Returns.thinned`), to a hundred or so.
+    All returns count alike: thin them before (`Returns.thinned`), to a hundred or so. A runner-up
+    is looked for down to a `share` of the best, most of the work where that is low.
     """
     if len(returns) == 0:
         return None
@@ -132,7 +144,7 @@ def search(pyramid: Pyramid, returns: Returns, window: Window, floor: float) -> 
     )
     half = max(1, math.ceil(window.half_m / SEARCH_RESOLUTION_M))
     step = float(angles[1] - angles[0]) if len(angles) > 1 else 1.0
-    best, second, nodes = search_kernels.branch_and_bound(
+    best, second, _ = search_kernels.branch_and_bound(
         pyramid.levels,
         cells,
         np.arange(float(len(angles))),
@@ -141,7 +153,7 @@ def search(pyramid: Pyramid, returns: Returns, window: Window, floor: float) -> 
         round(SAME_PEAK_M / SEARCH_RESOLUTION_M),
         max(1, round(SAME_PEAK_RAD / step)),
         int(floor * full),
-        0.0,
+        share,
         MAX_NODES,
     )
     total, angle, row, column = best
@@ -155,8 +167,15 @@ def search(pyramid: Pyramid, returns: Returns, window: Window, floor: float) -> 
         ]
     )
     pose = _within_cell(pyramid.field, points, coarse, step)
-    runner_up = max(floor, second[0] / full)
-    return Peak(pose, total / full, runner_up, bool(nodes <= MAX_NODES))
+    if known is not None and _is_same(pose, known, step):
+        return None
+    return Peak(pose, total / full, max(floor, second[0] / full))
+
+
+def _is_same(found: Pose2, known: Pose2, step_rad: float) -> bool:
+    """Whether what was found on a grid is a pose that a climb led to: a step of the grid apart."""
+    turned = abs(wrap_angle(found.theta - known.theta))
+    return found.distance_to(known) <= 1.5 * RESOLUTION_M and turned <= 0.5 * step_rad
 
 
 def _within_cell(

@@ -32,6 +32,34 @@ def block_maxima(field, first_row, first_column, rows, columns):
 
 
 @kernel
+def cells_under(points, x, y, theta, half_m, half_rad, origin, resolution, node_rows, node_columns):
+    """First row and column, rows and columns of the search cells of a field in which points (n×2)
+    can lie that are moved by up to `half_m` and turned by up to `half_rad` from (x, y, theta)."""
+    c = math.cos(theta)
+    s = math.sin(theta)
+    left = bottom = math.inf
+    right = top = -math.inf
+    farthest = 0.0
+    for k in range(points.shape[0]):
+        px = x + c * points[k, 0] - s * points[k, 1]
+        py = y + s * points[k, 0] + c * points[k, 1]
+        left, right = min(left, px), max(right, px)
+        bottom, top = min(bottom, py), max(top, py)
+        farthest = max(farthest, math.hypot(points[k, 0], points[k, 1]))
+    reach = half_m + farthest * min(half_rad, 2.0)
+    size = resolution * NODES_PER_CELL
+    last_row = (node_rows - 1) // NODES_PER_CELL
+    last_column = (node_columns - 1) // NODES_PER_CELL
+    row = min(max(math.floor((bottom - reach - origin[1]) / size), 0), last_row)
+    column = min(max(math.floor((left - reach - origin[0]) / size), 0), last_column)
+    end_row = min(max(math.ceil((top + reach - origin[1]) / size), row + 1), last_row + 1)
+    end_column = min(
+        max(math.ceil((right + reach - origin[0]) / size), column + 1), last_column + 1
+    )
+    return row, column, end_row - row, end_column - column
+
+
+@kernel
 def build_pyramid(cells, levels):
     """Maxima over 2^level × 2^level cells that start at each cell: levels×rows×columns."""
     rows, columns = cells.shape

@@ -6,7 +6,7 @@ these methods, and its name in `robot.slam.engines`.
 """
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -19,8 +19,7 @@ if TYPE_CHECKING:
     from robot.slam.packed_submap import PackedSubmap
 
 
-@dataclass(frozen=True, slots=True)
-class Estimate:
+class Estimate(NamedTuple):
     """`T_map_base` with its covariance (3×3), tangent space at the base, order (x, y, θ)."""
 
     pose: Pose2

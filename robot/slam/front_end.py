@@ -5,6 +5,7 @@ it is full. So the map that is matched against always reaches back some way.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from protocol.config import LidarConfig
 from protocol.pose import IDENTITY, FloatArray, Pose2, wrap_angle
@@ -29,8 +30,7 @@ class NewAnchor:
     information: FloatArray
 
 
-@dataclass(frozen=True, slots=True)
-class Progress:
+class Progress(NamedTuple):
     """What a scan led to: whether the robot has moved on (and drawn the scan, unless the submap is
     a finished one), an anchor that starts, a submap that is full."""
 

@@ -124,7 +124,7 @@ class GraphSlam:
     def _land(self, findings: Findings) -> None:
         self._add_closures(findings.closures)
         for verdict in findings.verdicts:
-            if not verdict.accepted:
+            if verdict.closure is None:
                 self.refusals[verdict.reason] = self.refusals.get(verdict.reason, 0) + 1
         if findings.optimised is not None:
             self._graph.apply(findings.optimised)
@@ -215,15 +215,14 @@ class GraphSlam:
             revisits.max_tries,
         )
         verdicts = examine(query, candidates, config.closures)
-        known = [v for v in verdicts if v.accepted and v.score >= revisits.settle_score]
-        if not known:
+        best = max(verdicts, key=lambda v: v.score if v.closure else 0.0, default=None)
+        if best is None or best.closure is None or best.score < revisits.settle_score:
             return False
-        best = max(known, key=lambda verdict: verdict.score)
         submap = next(c.submap for c in candidates if c.submap.index == best.of)
         enough_tied = self._explored and front_end.current.finished
         if not enough_tied and self._candidates.may_tie_again(best.of, anchor):
-            self._add_closures((Closure(best.of, anchor, best.T_of_to, best.information),))
-        for left in front_end.settle(submap, best.T_of_to @ pose):
+            self._add_closures((best.closure,))
+        for left in front_end.settle(submap, best.closure.T_of_to @ pose):
             self._candidates.add(left)
         self._candidates.forget_drift()
         return True
@@ -272,7 +271,7 @@ def close_loops(
 ) -> Findings:
     """Examine the candidates and optimise the graph with what was found. Pure: a job."""
     verdicts = examine(query, candidates, config.closures)
-    closures = tuple(Closure(v.of, v.to, v.T_of_to, v.information) for v in verdicts if v.accepted)
+    closures = tuple(verdict.closure for verdict in verdicts if verdict.closure)
     if not closures:
         return Findings(verdicts, (), None)
     optimised = optimise_anchors(graph, robust, closures, config.optimiser_iterations)

@@ -6,15 +6,17 @@ walls wherever the submap knows the place, and no other pose in the window nearl
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from protocol.pose import FloatArray, Pose2
 from robot.perception.field import Overlay
-from robot.perception.matching import Match, match_returns
+from robot.perception.matching import match_returns
 from robot.perception.returns import Returns
 from robot.perception.search import Pyramid, Window, search
 from robot.slam.config import ClosureConfig
+from robot.slam.engine import Closure
 from robot.slam.gaussian import carry, invert_spd
 from robot.slam.submap import Submap
 
@@ -22,8 +24,6 @@ from robot.slam.submap import Submap
 WEAK_PRIOR = np.diag([0.15**-2, 0.15**-2, 0.1**-2])
 # What is known of a direction in which the returns say nothing (1 m, 1 rad).
 UNKNOWN = np.eye(3)
-# What is told of a match that was not looked at any further.
-NOT_LAID_OVER = Overlay(overlap=0.0, hits=0.0, crossing=1.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,24 +53,13 @@ class Candidate:
         return Candidate(submap, guess, window, submap.searchable(half_m))
 
 
-@dataclass(frozen=True, slots=True)
-class Verdict:
-    """What became of a candidate: the measured `T_of_to` between anchors, and the evidence.
-
-    `overlap`, `hits` and `crossing` as in Overlay; `ambiguity` is the runner-up's score by the best
-    one's (0 where nothing was searched).
-    """
+class Verdict(NamedTuple):
+    """What became of a candidate: the score of the match, the closure between anchors that it means
+    if nothing speaks against it, or else the reason."""
 
     of: int
-    to: int
-    T_of_to: Pose2
-    information: FloatArray
     score: float
-    overlap: float
-    hits: float
-    crossing: float
-    ambiguity: float
-    accepted: bool
+    closure: Closure | None
     reason: str
 
 
@@ -82,45 +71,29 @@ def examine(
 
 
 def _examine(query: Query, candidate: Candidate, config: ClosureConfig) -> Verdict:
-    field = candidate.submap.field
-    start, ambiguity = candidate.guess, 0.0
+    submap, start, ambiguity = candidate.submap, candidate.guess, 0.0
     if candidate.window is not None and candidate.pyramid is not None:
         few = query.returns.thinned(config.search_points)
-        peak = search(candidate.pyramid, few, candidate.window, config.search_floor)
+        peak = search(
+            candidate.pyramid, few, candidate.window, config.search_floor, config.max_ambiguity
+        )
         if peak is None:
-            nothing = Match(start, np.zeros((3, 3)), 0.0, 0.0, 0, False, "iterations")
-            return _measure(query, candidate, nothing, NOT_LAID_OVER, 0.0, "nothing in the window")
+            return Verdict(submap.index, 0.0, None, "nothing in the window")
         start, ambiguity = peak.pose, peak.runner_up / peak.score
-    match = match_returns(field, query.returns, start, WEAK_PRIOR)
+    match = match_returns(submap.field, query.returns, start, WEAK_PRIOR)
     if match.score < config.min_score:
-        return _measure(query, candidate, match, NOT_LAID_OVER, ambiguity, "low score")
-    overlay = field.overlay(match.T_field_base, query.returns)
-    reason = _objection(overlay, ambiguity, config)
-    return _measure(query, candidate, match, overlay, ambiguity, reason)
-
-
-def _measure(
-    query: Query,
-    candidate: Candidate,
-    match: Match,
-    overlay: Overlay,
-    ambiguity: float,
-    objection: str,
-) -> Verdict:
-    """The closure between anchors that a match means, with its evidence."""
-    return Verdict(
-        of=candidate.submap.index,
-        to=query.anchor,
-        T_of_to=match.T_field_base @ query.T_anchor_base.inverse(),
-        information=closure_information(match.information, query),
-        score=match.score,
-        overlap=overlay.overlap,
-        hits=overlay.hits,
-        crossing=overlay.crossing,
-        ambiguity=ambiguity,
-        accepted=not objection,
-        reason=objection or "accepted",
+        return Verdict(submap.index, match.score, None, "low score")
+    overlay = submap.field.overlay(match.T_field_base, query.returns)
+    objection = _objection(overlay, ambiguity, config)
+    if objection:
+        return Verdict(submap.index, match.score, None, objection)
+    closure = Closure(
+        submap.index,
+        query.anchor,
+        match.T_field_base @ query.T_anchor_base.inverse(),
+        closure_information(match.information, query),
     )
+    return Verdict(submap.index, match.score, closure, "accepted")
 
 
 def closure_information(match_information: FloatArray, query: Query) -> FloatArray:

@@ -1,7 +1,7 @@
 """Following the robot in one submap: odometry foretells the pose, matches of scans correct it."""
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from robot.perception.odometry import Motion
 from robot.perception.returns import Returns
 from robot.perception.search import Blocks, Pyramid, Window, search
 from robot.slam.config import FrontEndConfig
-from robot.slam.gaussian import advance, invert_sum
+from robot.slam.gaussian import advance_both, invert_sum
 from robot.slam.submap import Submap
 
 SEARCH_POINTS = 90
@@ -22,6 +22,10 @@ LOST_HITS = 0.92
 # Another match must be so much more likely than the odometry's own, by `Match.value`. Scores would
 # prefer the place where more of the scan is mapped: where the robot was before.
 CLEARLY = 5.0
+# From this score on a climb is not tried from elsewhere too: of some four hundred such climbs that
+# led to a clearly better match, on four recorded logs played in four ways, the first one's score
+# was 0.87 at most.
+GOOD_SCORE = 0.9
 # Where the odometry leaves more open than this (σ at the median return), the window is searched.
 VAGUE_M = 0.06
 # Odometry errs the same way from scan to scan, its covariance says it does not. A prior that
@@ -30,8 +34,7 @@ VAGUE_M = 0.06
 PRIOR_FLOOR = np.diag([0.02**2, 0.02**2, 0.02**2])
 
 
-@dataclass(frozen=True, slots=True)
-class Expected:
+class Expected(NamedTuple):
     """Where the odometry puts the robot in a submap, with information (3×3)."""
 
     pose: Pose2
@@ -56,8 +59,9 @@ class Tracker:
     def predict(self, motion: Motion) -> None:
         """Move by the odometry: pose, covariance, and what the next match takes as its prior."""
         self.pose = self.pose @ motion.T_before_now
-        self.covariance = advance(self.covariance, motion.T_before_now, motion.covariance)
-        self._since_match = advance(self._since_match, motion.T_before_now, motion.covariance)
+        self.covariance, self._since_match = advance_both(
+            self.covariance, self._since_match, motion.T_before_now, motion.covariance
+        )
 
     def correct(self, submap: Submap, returns: Returns) -> Match:
         """Match a scan in the submap, and be where it says."""
@@ -85,7 +89,7 @@ class Tracker:
         if match.reason == "few returns":
             return match
         steady = self._last_scan_pose @ self._last_motion
-        if self._is_jerky(steady, returns):
+        if match.score < GOOD_SCORE and self._is_jerky(steady, returns):
             match = _better(submap, returns, match, _climb(submap, returns, expected, steady))
         if match.score < self._config.doubtful_score or self._is_vague(returns):
             match = _search(submap, returns, expected, self._prior_window(), match)
@@ -133,7 +137,8 @@ def _search(
         pyramid = submap.searchable(window.half_m)
     else:
         pyramid = Pyramid.of(Blocks.under(submap.field, few.points, window), window.half_m)
-    peak = search(pyramid, few, window, max(SEARCH_FLOOR, first.score))
+    floor = max(SEARCH_FLOOR, first.score)
+    peak = search(pyramid, few, window, floor, share=1.0, known=first.T_field_base)
     if peak is None:
         return first
     return _better(submap, returns, first, _climb(submap, returns, expected, peak.pose))

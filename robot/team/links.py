@@ -18,7 +18,7 @@ from robot.perception.returns import describe_returns, noise_model
 from robot.perception.scan import LaserScan
 from robot.slam.config import GraphSlamConfig
 from robot.slam.gaussian import invert_spd
-from robot.slam.loop_closure import Candidate, Query, Verdict, examine
+from robot.slam.loop_closure import Candidate, Query, examine
 from robot.slam.packed_submap import PackedSubmap
 from robot.team.entries import Link
 from robot.team.joint import JointGraph, Solution, anchor_pose
@@ -170,10 +170,9 @@ def find_links(
         query = Query(keyframe.anchor, keyframe.T_anchor_keyframe, keyframe.covariance, returns)
         candidate = Candidate(trial.submap.unpack(), trial.T_submap_base)
         (verdict,) = examine(query, (candidate,), config.closures)
-        if verdict.accepted and _is_where_expected(trial, verdict):
-            links.append(
-                Link(verdict.of, trial.log, verdict.to, verdict.T_of_to, verdict.information)
-            )
+        found = verdict.closure
+        if found is not None and _is_where_expected(trial, found.T_of_to):
+            links.append(Link(found.of, trial.log, found.to, found.T_of_to, found.information))
     return (fuse(links),) if links else ()
 
 
@@ -189,7 +188,7 @@ def fuse(links: Sequence[Link]) -> Link:
     return fused
 
 
-def _is_where_expected(trial: Trial, verdict: Verdict) -> bool:
-    found = verdict.T_of_to @ trial.keyframe.T_anchor_keyframe
+def _is_where_expected(trial: Trial, T_of_to: Pose2) -> bool:
+    found = T_of_to @ trial.keyframe.T_anchor_keyframe
     shift = trial.T_submap_base.inverse() @ found
     return bool(np.hypot(shift.x, shift.y) <= MAX_SHIFT_M and abs(shift.theta) <= MAX_TURN_RAD)

@@ -196,6 +196,43 @@ def test_a_symmetric_place_is_called_ambiguous(square: Any) -> None:
     assert peak.runner_up > 0.9 * peak.score
 
 
+def test_a_pose_that_is_known_is_not_found_again(room: Any) -> None:
+    field = field_at(room, [HERE])
+    returns = returns_of(room.scan(HERE, LIDAR)).thinned(80)
+    pyramid, window = Pyramid.of(Blocks.of(field), 0.5), Window(HERE, 0.5, 0.3)
+    assert search(pyramid, returns, window, 0.3, share=1.0, known=HERE) is None
+    away = HERE @ Pose2(0.2, 0.0, 0.0)
+    peak = search(pyramid, returns, window, 0.3, share=1.0, known=away)
+    assert peak is not None
+    assert error(peak.pose, HERE)[0] < 0.05
+
+
+@pytest.mark.parametrize("turn", [0.0, 2.0])
+def test_a_part_of_a_field_is_enough_for_its_window(room: Any, turn: float) -> None:
+    """Near the edge of the field too, where a window reaches beyond it."""
+    field = field_at(room, [HERE]).cropped()
+    returns = returns_of(room.scan(HERE, LIDAR)).thinned(80)
+    window = Window(HERE @ Pose2(0.3, -0.2, turn), 0.6, 0.4 + turn)
+    whole = search(Pyramid.of(Blocks.of(field), 0.6), returns, window, 0.3)
+    part = Pyramid.of(Blocks.under(field, returns.points, window), 0.6)
+    assert search(part, returns, window, 0.3) == whole
+    assert part.levels[0].size <= Blocks.of(field).maxima.size
+
+
+def test_thinning_spreads_over_the_weight() -> None:
+    values = np.zeros((50, 6))
+    values[:, 0] = np.arange(50.0)
+    values[:, 4] = np.where(np.arange(50) < 10, 1.0, 0.25)
+    few = Returns(values, np.zeros(50, dtype=np.int64)).thinned(20)
+    # Twenty parts of one weight each: half of them are the ten heavy ones.
+    assert few.values[:, 0].tolist() == [*range(10), *range(11, 50, 4)]
+    values[:, 4] = 0.5
+    assert len(Returns(values, np.zeros(50, dtype=np.int64)).thinned(500)) == 50
+    values[:, 4] = 0.0
+    assert len(Returns(values, np.zeros(50, dtype=np.int64)).thinned(20)) == 0
+    assert len(Returns(values[:0], np.zeros(0, dtype=np.int64)).thinned(20)) == 0
+
+
 def test_nothing_to_find_is_none(room: Any) -> None:
     empty = Pyramid.of(Blocks.of(CorrelationField.around(5.0)), 1.0)
     returns = returns_of(room.scan(HERE, LIDAR)).thinned(80)
