@@ -4,8 +4,9 @@ A brain has no clock, no socket and no file, and draws no random numbers: the sa
 the same actions to the last bit, wherever it runs.
 """
 
+import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -76,6 +77,8 @@ class Brain:
         self._decision: Decision | None = None
         self._finished: tuple[int, dict[LogName, int]] | None = None
         self._sightings: dict[str, tuple[int, Pose2]] = {}
+        self._contacts: dict[str, Pose2] = {}
+        """Where this robot was when it heard each teammate last."""
         self._counts = {"frames_sent": 0, "bytes_sent": 0, "frames_heard": 0, "bytes_heard": 0}
         self._sent_for: Usage = {}
         self._heard_for: dict[str, Usage] = {}
@@ -124,6 +127,8 @@ class Brain:
             self._counts["bytes_heard"] += frame.size_bytes
             book(self._heard_for.setdefault(frame.sender, {}), frame)
         self._team.hear(sense.tick, sense.frames)
+        for name in {frame.sender for frame in sense.frames} & self._team.heard.keys():
+            self._contacts[name] = self._pose_in_team()
         for sighting in sense.sightings:
             x = sighting.range_m * math.cos(sighting.bearing_rad)
             y = sighting.range_m * math.sin(sighting.bearing_rad)
@@ -148,7 +153,8 @@ class Brain:
 
     def _decide(self, sense: Sense, motion: Motion, scan: LaserScan | None) -> Decision:
         pose = self._pose_in_team()
-        snapshot = _MapSnapshot(self._joint_map, pose, scan)
+        places = functools.partial(self._meeting_places, sense.tick)
+        snapshot = _MapSnapshot(self._joint_map, pose, scan, places)
         self._decision = self._explorer.step(
             sense.tick, pose, motion, scan, snapshot, self._teammates(sense.tick, pose)
         )
@@ -234,6 +240,18 @@ class Brain:
             goal = known[1] if known else None
             found.append(Teammate(name, where, goal, age, name in in_range))
         return tuple(found)
+
+    def _meeting_places(self, tick: int) -> FloatArray:
+        """Where (n×2, m) to meet the teammates out of earshot: where the first by name of two was
+        when they heard each other last, as far as this robot knows that."""
+        places = []
+        for name in self._team.untold(tick):
+            known = self._team.teammate_pose(name)
+            if self.config.name < name:
+                places.append(self._contacts[name])
+            elif known:
+                places.append(known[0])
+        return np.array([(place.x, place.y) for place in places]).reshape(-1, 2)
 
     # -- what it tells
 
@@ -334,10 +352,18 @@ class Brain:
 
 
 class _MapSnapshot:
-    """The joint map with the present scan on it, made only when a planner asks for it."""
+    """The joint map with the present scan on it, and where to meet teammates: worked out only when
+    a planner asks for it."""
 
-    def __init__(self, drawn: KeyframeMap, pose: Pose2, scan: LaserScan | None) -> None:
+    def __init__(
+        self,
+        drawn: KeyframeMap,
+        pose: Pose2,
+        scan: LaserScan | None,
+        meeting_places: Callable[[], FloatArray],
+    ) -> None:
         self._drawn, self._pose, self._scan = drawn, pose, scan
+        self.meeting_places = meeting_places
 
     def snapshot(self) -> OccupancyGrid:
         if self._scan is None:

@@ -69,6 +69,9 @@ class _Surroundings:
     def lookouts(self) -> FloatArray:
         return np.empty((0, 2))
 
+    def meeting_places(self) -> FloatArray:
+        return np.empty((0, 2))
+
 
 def make_course(seed: int) -> Course:
     """A course drawn by its seed."""

@@ -4,7 +4,7 @@ About once a second a plan is made as a job on a snapshot of the joint map; betw
 pilot drives along the last path. A robot is finished when two plans in a row found nothing left,
 and goals that had been given up were tried again. It stays finished unless, later, at least
 `NOTABLE_M` of reachable frontier has appeared (a teammate brought a part of the map that it had
-not finished itself).
+not finished itself), or there is a teammate to be met.
 """
 
 from dataclasses import dataclass
@@ -116,7 +116,7 @@ class Explorer:
             self._config.name, tick, grids.snapshot(), pose, self._config.body, teammates,
             self._refusals.places(), self._goal,
             grids.lookouts(), self._footprints.visits(), self._config.tick_s,
-            self._refusals.blocked(), self._home,
+            self._refusals.blocked(), self._home, grids.meeting_places(),
         )  # fmt: skip
         self._jobs.start("plan", tick, PLAN_DELAY_TICKS, self._policy.plan, view)
         self._planned_from = pose
@@ -129,7 +129,7 @@ class Explorer:
         self._frontier_m, self._reason = plan.frontier_m, plan.reason
         if self._pilot.recovering:
             return
-        if self.finished and (plan.goal is None or plan.frontier_m < NOTABLE_M):
+        if self.finished and plan.explores and (plan.goal is None or plan.frontier_m < NOTABLE_M):
             return
         self.finished = False
         if plan.goal is None:

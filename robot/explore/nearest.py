@@ -4,6 +4,7 @@ import math
 
 from protocol.pose import Pose2
 from robot.explore.frontier import Frontier, find_frontiers
+from robot.explore.meeting import go_to_meet
 from robot.explore.planner import (
     NO_PATH,
     Terrain,
@@ -32,7 +33,10 @@ class NearestFrontier:
         field = travel(view, terrain)
         if field is None:
             return Plan(None, NO_PATH, "waiting for a first map", False, 0.0)
-        return nearest_frontier(view, terrain, field)
+        plan = nearest_frontier(view, terrain, field)
+        if plan.exhausted:
+            return go_to_meet(view, terrain, field, plan.frontier_m) or plan
+        return plan
 
 
 def travel(view: View, terrain: Terrain, squeeze: bool = False) -> TravelField | None:

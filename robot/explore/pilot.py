@@ -43,6 +43,9 @@ class GridProvider(Protocol):
     def lookouts(self) -> FloatArray:
         """Where (n×2, m) the scans on the map were taken."""
 
+    def meeting_places(self) -> FloatArray:
+        """Where (n×2, m) to go to meet teammates (see `View`)."""
+
 
 @dataclass(frozen=True, slots=True)
 class Steering:

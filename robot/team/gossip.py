@@ -56,6 +56,11 @@ class Gossip:
         heard = [self.peers[name].vector for name in self.in_range(tick)]
         return all(held.get(log, 0) >= count for held in heard for log, count in vector.items())
 
+    def lacks(self, name: str) -> bool:
+        """Whether a robot, by its last beacon, does not hold all that is held here."""
+        vector = self.peers[name].vector
+        return any(_lacks(vector, log, self._journal) for log in self._journal.logs())
+
     def hear_vector(
         self, tick: int, sender: str, vector: dict[LogName, int], hears: tuple[str, ...]
     ) -> None:

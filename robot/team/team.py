@@ -183,6 +183,21 @@ class Team:
             live.sightings,
         )
 
+    def untold(self, tick: int) -> tuple[str, ...]:
+        """Teammates that nobody passes anything on to, and that lack entries or had not finished
+        when they were heard last: they have something to be told, or to tell. In an order that
+        two of them share: by the first name of each pair."""
+        near = self.gossip.in_range(tick)
+        reached = {*near, *(other for name in near for other in self.gossip.peers[name].hears)}
+        away = {
+            name
+            for name, heard in self.heard.items()
+            if name not in reached
+            if not heard.beacon.finished or self.gossip.lacks(name)
+        }
+        own = self.own_log.robot
+        return tuple(sorted(away, key=lambda name: (min(name, own), max(name, own))))
+
     # -- what follows from all of it
 
     @property

@@ -68,6 +68,9 @@ class _Shared:
     def lookouts(self) -> FloatArray:
         return np.empty((0, 2))
 
+    def meeting_places(self) -> FloatArray:
+        return np.empty((0, 2))
+
 
 class Team:
     """Explorers in a simulation. `checkpoint_at` replaces each of them by its checkpoint at that

@@ -240,3 +240,23 @@ def test_what_is_no_policy_is_refused_with_a_reason(tmp_path: Path, name: str, w
     broken.write_text("import does_not_exist_anywhere\n")
     with pytest.raises(PolicyError, match=word):
         make_policy(name.format(file=file, broken=broken, folder=tmp_path))
+
+
+def test_with_nothing_left_to_explore_a_robot_goes_to_meet_who_is_out_of_earshot() -> None:
+    cells = np.full((60, 300), 100, dtype=np.int8)
+    cells[10:50, 60:240] = 0
+    alone = replace(_view(OccupancyGrid(cells, 0.05, 0.0, 0.0), Pose2(5.0, 1.5, 0.0)), tick=900)
+    policy = make_policy("frontier")
+    assert policy.plan(alone).exhausted
+    beyond_the_wall, places = [14.0, 1.5], np.array([[14.0, 1.5], [10.0, 1.5], [7.0, 1.5]])
+    plan = policy.plan(replace(alone, meeting_places=places))
+    assert plan.goal is not None
+    assert (plan.goal.x, plan.goal.y) == (10.0, 1.5)
+    assert not plan.explores
+    assert np.hypot(*(plan.path[-1] - [10.0, 1.5])) < 0.3
+    # Somebody was there ten seconds ago: the next place has its turn.
+    visits = np.array([[10.5, 1.5, 800.0], [7.5, 1.5, 100.0]])
+    plan = policy.plan(replace(alone, meeting_places=places, visits=visits))
+    assert plan.goal is not None
+    assert plan.goal.x == 7.0
+    assert policy.plan(replace(alone, meeting_places=np.array([beyond_the_wall]))).exhausted

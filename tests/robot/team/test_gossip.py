@@ -1,5 +1,7 @@
 """Journals that meet become equal, whatever the link does to the frames."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -242,3 +244,35 @@ def heard(sender: str, tick: int, frame: RadioFrame) -> HeardFrame:
     return HeardFrame(
         sender=sender, sent_tick=tick, to=frame.to, kind=frame.kind, payload=frame.payload
     )
+
+
+def test_who_is_out_of_earshot_and_has_not_been_told() -> None:
+    teams = {name: make_team(name) for name in ("r1", "r2", "r3")}
+    chain = {frozenset(("r1", "r2")), frozenset(("r2", "r3"))}
+    exchange(teams, range(60), {*chain, frozenset(("r1", "r3"))})
+    assert teams["r1"].untold(60) == ()
+    # r2 passes on what r3 is to be told; once r2 is gone too, nobody does.
+    exchange(teams, range(60, 160), chain)
+    assert teams["r1"].untold(160) == ()
+    exchange(teams, range(160, 260), set())
+    assert teams["r1"].untold(260) == ("r2", "r3")
+    assert teams["r3"].untold(260) == ("r1", "r2")
+    # Of a pair both go by the same name: r2 thinks of r1 first.
+    assert teams["r2"].untold(260) == ("r1", "r3")
+
+
+def test_who_had_finished_and_knows_everything_is_not_looked_for() -> None:
+    teams = {name: make_team(name) for name in ("r1", "r2")}
+    done = replace(LIVE, finished=True)
+    for tick in range(100):
+        said = {name: teams[name].speak(tick, done) for name in teams}
+        for name, other in (("r1", "r2"), ("r2", "r1")):
+            frames = tuple(
+                HeardFrame(sender=other, sent_tick=tick, to=f.to, kind=f.kind, payload=f.payload)
+                for f in said[other]
+            )
+            teams[name].hear(tick, frames)
+    assert teams["r1"].untold(300) == ()
+    teams["r1"].write(knowledge("r1", 3))
+    assert teams["r1"].untold(300) == ("r2",)
+    assert teams["r2"].untold(300) == ()
