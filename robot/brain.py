@@ -5,7 +5,6 @@ the same actions to the last bit, wherever it runs.
 """
 
 import functools
-import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -25,28 +24,25 @@ from protocol.messages import (
 from protocol.pose import IDENTITY, FloatArray, Pose2
 from protocol.state import adopt_state, dump_state
 from robot.explore.explorer import Decision, Explorer
-from robot.explore.policy import Teammate
 from robot.jobs import Jobs
 from robot.mapping.keyframe_map import KeyframeMap, draw_exactly
 from robot.perception.odometry import Motion, WheelOdometry
 from robot.perception.scan import LaserScan, perceive
 from robot.rows import Rows
 from robot.slam.config import GraphSlamConfig
-from robot.slam.engine import Estimate
 from robot.slam.engines import make_engine
 from robot.slam.saved_map import SavedMap
 from robot.slam.trajectory import RelativeTrajectory
 from robot.team.homecoming import Homecoming
-from robot.team.joint import Solution, anchor_pose, anchor_poses
 from robot.team.journal import LogName
 from robot.team.links import LinkFinder
 from robot.team.place_finder import PlaceFinder
 from robot.team.purposes import Usage, book
 from robot.team.team import LiveState, Team
+from robot.whereabouts import Whereabouts
 
 FOLLOW_EVERY_TICKS = 10
 DRAWN_PER_TICK = 8
-FRESH_TICKS = 60  # a beacon older than this says nothing of where a teammate is
 # With nothing left to explore, those in range get so long to hold what a robot held then.
 TOLD_TICKS = 100
 
@@ -63,6 +59,7 @@ class Brain:
             config.engine, config.lidar, config.body, self._start, self._jobs
         )
         self._team = Team(config, incarnation, self._jobs)
+        self._where = Whereabouts(self._start, self._engine, self._team)
         self._places = PlaceFinder(self._team.own_log, config.lidar)
         self._homecoming = Homecoming(self._team.own_log, config.lidar)
         self._links = LinkFinder(self._team.own_log, config.lidar, GraphSlamConfig())
@@ -73,12 +70,8 @@ class Brain:
         self._stamps = Rows(1)
         self._online = RelativeTrajectory()
         self._dead_reckoned = RelativeTrajectory()
-        self._estimate = Estimate(self._start, np.zeros((3, 3)))
         self._decision: Decision | None = None
         self._finished: tuple[int, dict[LogName, int]] | None = None
-        self._sightings: dict[str, tuple[int, Pose2]] = {}
-        self._contacts: dict[str, Pose2] = {}
-        """Where this robot was when it heard each teammate last."""
         self._counts = {"frames_sent": 0, "bytes_sent": 0, "frames_heard": 0, "bytes_heard": 0}
         self._sent_for: Usage = {}
         self._heard_for: dict[str, Usage] = {}
@@ -114,11 +107,12 @@ class Brain:
         return motion, perceive(sense.ranges, lidar, sense.sightings, body.radius_m)
 
     def _localise(self, sense: Sense, motion: Motion, scan: LaserScan | None) -> None:
-        self._estimate = self._engine.step(sense.tick, motion, scan, self._is_explored())
+        explored = self._is_explored()
+        self._where.estimate = self._engine.step(sense.tick, motion, scan, explored)
         self._team.write(self._engine.take_entries())
         self._ticks.append(sense.tick)
         self._stamps.append(sense.stamp)
-        self._online.append(0, self._pose_in_team())
+        self._online.append(0, self._where.pose())
         self._dead_reckoned.append(0, self._odometry.pose)
 
     def _hear(self, sense: Sense) -> None:
@@ -127,12 +121,7 @@ class Brain:
             self._counts["bytes_heard"] += frame.size_bytes
             book(self._heard_for.setdefault(frame.sender, {}), frame)
         self._team.hear(sense.tick, sense.frames)
-        for name in {frame.sender for frame in sense.frames} & self._team.heard.keys():
-            self._contacts[name] = self._pose_in_team()
-        for sighting in sense.sightings:
-            x = sighting.range_m * math.cos(sighting.bearing_rad)
-            y = sighting.range_m * math.sin(sighting.bearing_rad)
-            self._sightings[sighting.robot] = (sense.tick, Pose2(x, y, 0.0))
+        self._where.note(sense)
 
     def _link(self, tick: int) -> None:
         """Find out how teammates' maps lie, and tie this robot's submaps to what they saw of the
@@ -146,17 +135,22 @@ class Brain:
     def _update_maps(self, tick: int) -> None:
         solved = self._team.solve(tick)
         if solved or tick % FOLLOW_EVERY_TICKS == 0:
-            self._own_map.follow(self._team.graph, self._own_anchors(self._team.solution))
+            self._own_map.follow(self._team.graph, self._where.own_anchors(self._team.solution))
             self._joint_map.follow(self._team.graph, self._team.solution)
         self._own_map.draw(self._team.graph, DRAWN_PER_TICK)
         self._joint_map.draw(self._team.graph, DRAWN_PER_TICK)
 
     def _decide(self, sense: Sense, motion: Motion, scan: LaserScan | None) -> Decision:
-        pose = self._pose_in_team()
-        places = functools.partial(self._meeting_places, sense.tick)
+        pose = self._where.pose()
+        places = functools.partial(self._where.meeting_places, sense.tick)
         snapshot = _MapSnapshot(self._joint_map, pose, scan, places)
         self._decision = self._explorer.step(
-            sense.tick, pose, motion, scan, snapshot, self._teammates(sense.tick, pose)
+            sense.tick,
+            pose,
+            motion,
+            scan,
+            snapshot,
+            self._where.teammates(sense.tick, self.config.team),
         )
         return self._decision
 
@@ -176,14 +170,14 @@ class Brain:
         return tick - since >= TOLD_TICKS or self._team.gossip.is_held(vector, tick)
 
     def _speak(self, sense: Sense, decision: Decision) -> tuple[RadioFrame, ...]:
-        anchor, T_anchor_base = self._anchored()
-        T_team_base = self._pose_in_team()
+        anchor, T_anchor_base = self._where.anchored()
+        T_team_base = self._where.pose()
         goal = decision.goal
         T_base_goal = None if goal is None else T_team_base.inverse() @ goal
         live = LiveState(
             anchor,
             T_anchor_base,
-            self._estimate.covariance,
+            self._where.estimate.covariance,
             None if T_base_goal is None else T_anchor_base @ T_base_goal,
             decision.finished,
             sense.sightings,
@@ -194,64 +188,6 @@ class Brain:
         for frame in frames:
             book(self._sent_for, frame)
         return frames
-
-    # -- where things are
-
-    def _own_anchors(self, solution: Solution) -> Solution:
-        """The anchors of all lives of this robot that are placed: by the joint solution, or else by
-        the engine alone, which knows of the present one."""
-        own, graph = self._team.own_log, self._team.graph
-        if own not in solution:
-            return {own: self._engine.anchors}
-        return {
-            name: anchor_poses(log, solution[name])
-            for name in solution
-            if name.robot == own.robot and (log := graph.log(name)) is not None
-        }
-
-    def _anchored(self) -> tuple[int, Pose2]:
-        """The newest anchor in the journal, and the robot's pose relative to it."""
-        nodes = self._engine.anchors
-        log = self._team.graph.log(self._team.own_log)
-        index = min(len(log.anchors) if log else 0, len(nodes)) - 1
-        return index, Pose2.from_array(nodes[index]).inverse() @ self._estimate.pose
-
-    def _pose_in_team(self) -> Pose2:
-        """The robot's pose in the frame of the joint map."""
-        index, T_anchor_base = self._anchored()
-        own = self._team.own_log
-        anchor = anchor_pose(self._team.graph.log(own), self._team.solution.get(own), index)
-        return self._estimate.pose if anchor is None else anchor @ T_anchor_base
-
-    def _teammates(self, tick: int, pose: Pose2) -> tuple[Teammate, ...]:
-        """Teammates as last seen, or else as they last said of themselves."""
-        in_range = self._team.gossip.in_range(tick)
-        found = []
-        for name in self.config.team:
-            known = self._team.teammate_pose(name)
-            heard = self._team.heard.get(name)
-            seen_tick, T_base_mate = self._sightings.get(name, (-1, IDENTITY))
-            if tick == seen_tick:
-                where, age = pose @ T_base_mate, 0
-            elif known and heard and tick - heard.tick <= FRESH_TICKS:
-                where, age = known[0], tick - heard.tick
-            else:
-                continue
-            goal = known[1] if known else None
-            found.append(Teammate(name, where, goal, age, name in in_range))
-        return tuple(found)
-
-    def _meeting_places(self, tick: int) -> FloatArray:
-        """Where (n×2, m) to meet the teammates out of earshot: where the first by name of two was
-        when they heard each other last, as far as this robot knows that."""
-        places = []
-        for name in self._team.untold(tick):
-            known = self._team.teammate_pose(name)
-            if self.config.name < name:
-                places.append(self._contacts[name])
-            elif known:
-                places.append(known[0])
-        return np.array([(place.x, place.y) for place in places]).reshape(-1, 2)
 
     # -- what it tells
 
@@ -266,8 +202,8 @@ class Brain:
         goal = decision.goal if decision else None
         return Report(
             tick=tick,
-            pose=PoseModel.of(self._pose_in_team()),
-            covariance=self._estimate.covariance,
+            pose=PoseModel.of(self._where.pose()),
+            covariance=self._where.estimate.covariance,
             activity=decision.activity if decision else "waiting for the first sense",
             goal=None if goal is None else PoseModel.of(goal),
             path=decision.path if decision else np.zeros((0, 2)),
@@ -303,7 +239,7 @@ class Brain:
             return MapReply(own=_patch(own.grid()), joint=_patch(joint.grid()))
         graph, lidar = self._team.graph, self.config.lidar
         solution = self._team.standing.exactly(graph).solution
-        anchors = self._own_anchors(solution)
+        anchors = self._where.own_anchors(solution)
         own = draw_exactly(graph, anchors, lidar)
         joint = draw_exactly(graph, solution, lidar)
         saved = SavedMap.of(self._engine, anchors[self._team.own_log])
@@ -318,7 +254,7 @@ class Brain:
         graph, and the counts to hold against the ledger."""
         graph = self._engine.graph()
         solution, T_group_own, frame = self._team.standing.exactly(self._team.graph)
-        anchors = self._own_anchors(solution)[self._team.own_log]
+        anchors = self._where.own_anchors(solution)[self._team.own_log]
         start = (T_group_own @ self._start).to_array()[None, :]
         upper = graph.information[:, [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]
         return TrajectoryReply(

@@ -1,0 +1,91 @@
+"""Where a robot and its teammates are, in the frame of the joint map."""
+
+import math
+
+import numpy as np
+
+from protocol.messages import Sense
+from protocol.pose import IDENTITY, FloatArray, Pose2
+from robot.explore.policy import Teammate
+from robot.slam.engine import Engine, Estimate
+from robot.team.joint import Solution, anchor_pose, anchor_poses
+from robot.team.team import Team
+
+FRESH_TICKS = 60  # a beacon older than this says nothing of where a teammate is
+
+
+class Whereabouts:
+    """Of one robot: what its engine, its eyes and the team's beacons say, put together."""
+
+    def __init__(self, start: Pose2, engine: Engine, team: Team) -> None:
+        self._engine = engine
+        self._team = team
+        self.estimate = Estimate(start, np.zeros((3, 3)))
+        """What the engine said last, in its own frame."""
+        self._seen: dict[str, tuple[int, Pose2]] = {}  # when, and where from the robot
+        self._contacts: dict[str, Pose2] = {}  # where this robot was when it heard each one last
+
+    def note(self, sense: Sense) -> None:
+        """Remember who is seen and who was heard, once the team has taken the frames in."""
+        for name in {frame.sender for frame in sense.frames} & self._team.heard.keys():
+            self._contacts[name] = self.pose()
+        for sighting in sense.sightings:
+            x = sighting.range_m * math.cos(sighting.bearing_rad)
+            y = sighting.range_m * math.sin(sighting.bearing_rad)
+            self._seen[sighting.robot] = (sense.tick, Pose2(x, y, 0.0))
+
+    def own_anchors(self, solution: Solution) -> Solution:
+        """The anchors of all lives of this robot that are placed: by the joint solution, or else by
+        the engine alone, which knows of the present one."""
+        own, graph = self._team.own_log, self._team.graph
+        if own not in solution:
+            return {own: self._engine.anchors}
+        return {
+            name: anchor_poses(log, solution[name])
+            for name in solution
+            if name.robot == own.robot and (log := graph.log(name)) is not None
+        }
+
+    def anchored(self) -> tuple[int, Pose2]:
+        """The newest anchor in the journal, and the robot's pose relative to it."""
+        nodes = self._engine.anchors
+        log = self._team.graph.log(self._team.own_log)
+        index = min(len(log.anchors) if log else 0, len(nodes)) - 1
+        return index, Pose2.from_array(nodes[index]).inverse() @ self.estimate.pose
+
+    def pose(self) -> Pose2:
+        """The robot's pose."""
+        index, T_anchor_base = self.anchored()
+        own = self._team.own_log
+        anchor = anchor_pose(self._team.graph.log(own), self._team.solution.get(own), index)
+        return self.estimate.pose if anchor is None else anchor @ T_anchor_base
+
+    def teammates(self, tick: int, names: tuple[str, ...]) -> tuple[Teammate, ...]:
+        """Teammates as last seen, or else as they last said of themselves."""
+        pose, in_range = self.pose(), self._team.gossip.in_range(tick)
+        found = []
+        for name in names:
+            known = self._team.teammate_pose(name)
+            heard = self._team.heard.get(name)
+            seen_tick, T_base_mate = self._seen.get(name, (-1, IDENTITY))
+            if tick == seen_tick:
+                where, age = pose @ T_base_mate, 0
+            elif known and heard and tick - heard.tick <= FRESH_TICKS:
+                where, age = known[0], tick - heard.tick
+            else:
+                continue
+            goal = known[1] if known else None
+            found.append(Teammate(name, where, goal, age, name in in_range))
+        return tuple(found)
+
+    def meeting_places(self, tick: int) -> FloatArray:
+        """Where (n×2, m) to meet the teammates out of earshot: where the first by name of two was
+        when they heard each other last, as far as this robot knows that."""
+        places = []
+        for name in self._team.untold(tick):
+            known = self._team.teammate_pose(name)
+            if self._team.own_log.robot < name:
+                places.append(self._contacts[name])
+            elif known:
+                places.append(known[0])
+        return np.array([(place.x, place.y) for place in places]).reshape(-1, 2)
