@@ -11,7 +11,7 @@ import numpy as np
 
 from protocol.config import BodyConfig
 from protocol.errors import EarshotError, MalformedMessageError
-from protocol.pose import IDENTITY, FloatArray, Pose2
+from protocol.pose import IDENTITY, FloatArray
 from robot.jobs import Jobs
 from robot.perception.scan import perceive
 from robot.recollection import read_records
@@ -20,7 +20,8 @@ from robot.slam.engines import make_engine
 from robot.team.entries import Hello, Known, Link, decode_entry, encode_entry
 from robot.team.journal import decode_record
 from robot.team.log_reading import read_in_order
-from station.replay import ReplaySettings, in_order, lidar_of, moved, raw_motion
+from station.raw_odometry import raw_motions
+from station.replay import ReplaySettings, in_order, lidar_of, moved
 from station.scan_log import LoggedScan, ScanLog, read_log
 
 JOURNAL = ".journal"
@@ -84,12 +85,9 @@ def _drive(scans: list[LoggedScan], log: ScanLog) -> tuple[tuple[Known, ...], Fl
     odometry = moved(wheels, scanner.T_base_laser if scanner else IDENTITY)
     engine = make_engine("graph", lidar, BodyConfig(), IDENTITY, Jobs())
     found: list[Entry] = []
-    before = Pose2.from_array(odometry[0])
-    for tick, scan in enumerate(scans):
-        ranges = perceive(scan.ranges.astype(np.float32), lidar)
-        now = Pose2.from_array(odometry[tick])
-        engine.step(tick, raw_motion(before.inverse() @ now), ranges)
-        before = now
+    for tick, motion in enumerate(raw_motions(odometry)):
+        ranges = perceive(scans[tick].ranges.astype(np.float32), lidar)
+        engine.step(tick, motion, ranges)
         found += engine.take_entries()
     hello = Hello(
         None, lidar.beams, lidar.angle_min_rad, lidar.increment_rad, lidar.max_range_m, 0.2

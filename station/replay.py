@@ -20,12 +20,12 @@ from protocol.pose import IDENTITY, FloatArray, Pose2, compose, invert
 from robot.jobs import Jobs
 from robot.localisation.known_map import KnownMap
 from robot.localisation.localiser import Localiser
-from robot.perception.odometry import Motion
 from robot.perception.scan import LaserScan, beam_angles, perceive
 from robot.slam.engine import Engine, Entry, GraphSnapshot, Keyframe
 from robot.slam.engines import make_engine
 from robot.slam.saved_map import SavedMap
 from station.along_odometry import follow_odometry
+from station.raw_odometry import raw_motions
 from station.scan_log import LoggedScan, ScanLog, Scanner
 
 # An engine of its own first drives there and back along some of the scans, until it has closed a
@@ -135,18 +135,6 @@ def lidar_of(
     )
 
 
-def raw_motion(T_before_now: Pose2) -> Motion:
-    """Motion by a log's odometry, of which nothing is known: stamps are late and wheels scrub, and
-    turns are worth little."""
-    metres, radians = math.hypot(T_before_now.x, T_before_now.y), abs(T_before_now.theta)
-    along = 0.10 * metres + 0.02 * radians + 0.001
-    across = 0.05 * metres + 0.02 * radians + 0.001
-    turned = 0.20 * radians + 0.05 * metres + 0.001
-    covariance = np.zeros((3, 3))
-    covariance[0, 0], covariance[1, 1], covariance[2, 2] = along**2, across**2, turned**2
-    return Motion(T_before_now, covariance)
-
-
 def play(
     log: ScanLog,
     settings: ReplaySettings,
@@ -171,24 +159,21 @@ def play(
 
     engine = _engine(lidar, settings, T_base_laser, whereabouts)
     first_settled: int | None = None
-    step_s, online = np.empty(len(order)), np.empty((len(order), 3))
-    before = Pose2.from_array(odometry[order[0]])
+    step_s, estimates = np.empty(len(order)), []
     start = time.perf_counter()
-    for tick, index in enumerate(order):
+    motions = raw_motions(odometry[order])
+    for tick, (index, motion) in enumerate(zip(order.tolist(), motions, strict=True)):
         began = time.perf_counter()
-        now = Pose2.from_array(odometry[index])
-        estimate = engine.step(
-            tick, raw_motion(before.inverse() @ now), perceive(ranges[index], lidar)
-        )
-        before = now
+        estimate = engine.step(tick, motion, perceive(ranges[index], lidar))
         step_s[tick] = time.perf_counter() - began
-        online[tick] = estimate.pose.to_array()
+        estimates.append(estimate.pose)
         if isinstance(engine, Localiser) and engine.settled and first_settled is None:
             first_settled = tick
         if progress is not None:
             progress(tick + 1, len(order))
     wall_s = time.perf_counter() - start
 
+    online = np.array([(pose.x, pose.y, pose.theta) for pose in estimates])
     stamps = np.array([scan.stamp for scan in scans])
     by_stamp = np.argsort(order)
     played = order[by_stamp]
@@ -295,11 +280,9 @@ def _rehearse(
 ) -> None:
     engine = make_engine(settings.engine, lidar, BodyConfig(), IDENTITY, Jobs())
     way = _apart(odometry, order)
-    before = Pose2.from_array(odometry[way[0]])
-    for tick, index in enumerate((way + way[-2:0:-1]) * REHEARSAL_TURNS):
-        now = Pose2.from_array(odometry[index])
-        engine.step(tick, raw_motion(before.inverse() @ now), perceive(ranges[index], lidar))
-        before = now
+    there_and_back = (way + way[-2:0:-1]) * REHEARSAL_TURNS
+    for tick, motion in enumerate(raw_motions(odometry[there_and_back])):
+        engine.step(tick, motion, perceive(ranges[there_and_back[tick]], lidar))
         if engine.loop_closures > 0:
             break
 

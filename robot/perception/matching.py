@@ -47,8 +47,10 @@ def match_returns(
     prior: Pose2,
     prior_information: FloatArray = NO_PRIOR,
     start: Pose2 | None = None,
+    wanted: float = 0.0,
 ) -> Match:
-    """Climb from `start` (the prior if none) to the best pose nearby.
+    """Climb from `start` (the prior if none) to the best pose nearby, or until it is plain that its
+    score will be less than is `wanted`.
 
     The prior pulls with its information (3×3, tangent space at the pose); by default not at all.
     """
@@ -69,6 +71,7 @@ def match_returns(
         PRIOR_SCALE_SQUARED,
         MAX_ITERATIONS,
         TOLERANCE,
+        wanted,
         pose,
         information,
     )

@@ -11,6 +11,8 @@ from robot.perception.sampling_kernels import sample
 
 # A Gauss-Newton step is made longer by at most this.
 MAX_STRETCH = 5.0
+# A climb is given up when at the last step's gain it would take so many more to get high enough.
+PATIENCE = 10.0
 # A step that gains less than this share is the last: kinks of the field keep it from being short.
 MIN_GAIN = 3e-6
 
@@ -150,13 +152,15 @@ def match_returns(
     prior_scale2,
     max_iterations,
     tolerance,
+    wanted,
     pose,
     information,
 ):
     """Move `pose` uphill on trust · Σ w M − ½ c² ln(1 + |pose − prior|² / c²), c² = `prior_scale2`;
     (score, that value, iterations, converged).
 
-    `information` (3×3) takes that of the returns alone, in the tangent space at the pose. The
+    A climb that will not come to the score `wanted` is given up on its way. `information` (3×3)
+    takes that of the returns alone, in the tangent space at the pose. The
     score is Σ w M over what it would be if nothing but noise stood between scan and field.
     """
     H = np.empty((3, 3))
@@ -198,6 +202,10 @@ def match_returns(
             break
         halvings = 0
         gain = value - best_value
+        if wanted * full_weight - total > PATIENCE * gain:
+            best_value, best_total = value, total
+            best[:] = candidate
+            break
         best_value = value
         best_total = total
         best[:] = candidate

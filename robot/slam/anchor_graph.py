@@ -15,9 +15,6 @@ FIRST_CAPACITY = 256
 # c² of the kernel by which closures count: 6 σ. They have passed tests of their own, while a chain
 # drawn through a narrow door errs more than it claims; at 3 σ it outvoted all that closed the loop.
 CAUCHY_SQUARED = 36.0
-# A step that gains less than this share of the cost is the last: more closures are soon to come,
-# and what is left after it is a hundredth of what they will move.
-TOLERANCE = 1e-4
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,7 +155,7 @@ def optimise_anchors(
     problem = NormalEquations(
         graph.nodes, edge_nodes, measurements, information, fixed, robust, CAUCHY_SQUARED
     )
-    solution = minimise(problem, problem.nodes, max_iterations, TOLERANCE)
+    solution = minimise(problem, problem.nodes, max_iterations)
     if problem.linearised_at is not solution.nodes:
         problem.linearise(solution.nodes)
     problem.factorise()

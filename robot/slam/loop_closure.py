@@ -80,7 +80,7 @@ def _examine(query: Query, candidate: Candidate, config: ClosureConfig) -> Verdi
         if peak is None:
             return Verdict(submap.index, 0.0, None, "nothing in the window")
         start, ambiguity = peak.pose, peak.runner_up / peak.score
-    match = match_returns(submap.field, query.returns, start, WEAK_PRIOR)
+    match = match_returns(submap.field, query.returns, start, WEAK_PRIOR, wanted=config.min_score)
     if match.score < config.min_score:
         return Verdict(submap.index, match.score, None, "low score")
     overlay = submap.field.overlay(match.T_field_base, query.returns)

@@ -72,14 +72,9 @@ def optimise(
 
 
 def minimise(
-    problem: NormalEquations,
-    nodes: FloatArray,
-    max_iterations: int = MAX_ITERATIONS,
-    tolerance: float = COST_TOLERANCE,
+    problem: NormalEquations, nodes: FloatArray, max_iterations: int = MAX_ITERATIONS
 ) -> Solution:
-    """Minimise a problem whose pattern stands, from `nodes` (m×3).
-
-    A step that gains less than a share `tolerance` of the cost is the last."""
+    """Minimise a problem whose pattern stands, from `nodes` (m×3)."""
     if problem.size == 0 or len(problem.edge_nodes) == 0:
         chi2 = problem.chi2(nodes)
         return Solution(nodes, chi2, chi2, 0, True)
@@ -103,7 +98,7 @@ def minimise(
             damping = max(FIRST_DAMPING, damping * 10.0)
             problem.linearise(current)
             continue
-        converged = bool(still) or cost - new_cost <= tolerance * cost
+        converged = bool(still) or cost - new_cost <= COST_TOLERANCE * cost
         current, cost = candidate, new_cost
         if converged and damping <= FIRST_DAMPING:
             break
