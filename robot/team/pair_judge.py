@@ -9,7 +9,7 @@ whole maps are laid over each other as it says. A pair is
     contradictory   enough distinct places, but the maps do not agree, or other pairs say otherwise
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 
 from protocol.pose import FloatArray, Pose2
@@ -19,7 +19,7 @@ from robot.team.hypothesis import Hypothesis, LoneLogs, hypotheses
 from robot.team.joint import JointGraph, LinkName
 from robot.team.journal import LogName
 from robot.team.log_map import LogMap, LogScans, Overlap, choose_scans, closest, draw_log, lay_over
-from robot.team.rivals import Laid, may_be_rival
+from robot.team.rivals import Laid, cleanest, may_be_rival
 
 # Two sightings each of which says who was seen need no look-alike places to be ruled out.
 MIN_SIGHTINGS = 2
@@ -85,7 +85,24 @@ class PairJudge:
             if views[-1].state is not State.CONTRADICTORY or best.sightings >= MIN_SIGHTINGS:
                 break
         last = views[-1]
-        return last if last.state is State.ALIGNED else views[0]
+        if last.state is State.ALIGNED:
+            return last
+        return self._outranked(found, a, b) or views[0]
+
+    def _outranked(self, found: list[Hypothesis], a: LogName, b: LogName) -> PairView | None:
+        """How two logs stand by an alignment that others outrank in worth, if walls refute these:
+        where rooms repeat more of them may match by a wrong one. It needs places enough itself."""
+        if any(one.sightings for one in found):
+            return None
+        laid = [self._lay_over(one, a, b) for one in found if one.worth >= FEW.worth]
+        clean = cleanest(laid)
+        if clean is None or not MANY.are_met_by(clean.hypothesis, 0.0):
+            return None
+        left = [one.hypothesis for one in laid if one is not clean and not one.is_refuted(clean)]
+        view = self._view(clean.hypothesis, left, a, b)
+        right = view.state is State.ALIGNED and clean.overlap.crossing <= MANY.crossing
+        others = [one for one in found if one is not clean.hypothesis]
+        return replace(view, rival=_next_worth(clean.hypothesis, others)) if right else None
 
     def _view(self, best: Hypothesis, others: list[Hypothesis], a: LogName, b: LogName) -> PairView:
         """How two logs stand if `best` is what their matches say."""

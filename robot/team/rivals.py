@@ -19,6 +19,8 @@ RIVAL_HITS, RIVAL_WALLS = 0.90, 0.5
 # the other, however much else there is: by the right ones of 45 pairs in rows of rooms 1 m at most.
 # What people, doors and drift make seem gone is gone by the best too, if that shares as much.
 REFUTED_M, REFUTED_FACTOR = 2.5, 3.0
+# By an alignment that others outrank no more may be gone than by right ones.
+CLEAN_M = 1.0
 # Sets of matches that err by a little more than they should disagree, and yet lay the maps in the
 # same way: what comes to lie this near, once both are where they lie best, is no other alignment.
 SAME_M, SAME_RAD = 0.3, 0.05
@@ -27,6 +29,12 @@ SAME_M, SAME_RAD = 0.3, 0.05
 def may_be_rival(other: Hypothesis, best: Hypothesis) -> bool:
     """Whether a hypothesis is worth enough to be held against the best, whatever the maps say."""
     return _is_near(other, best) or other.worth >= FEW.worth
+
+
+def cleanest(laid: list["Laid"]) -> "Laid | None":
+    """The alignment by which the least wall is gone, if that is as little as by right ones."""
+    least = min(laid, key=lambda one: one.overlap.gone_m, default=None)
+    return least if least is not None and least.overlap.gone_m <= CLEAN_M else None
 
 
 def _is_near(other: Hypothesis, best: Hypothesis) -> bool:
@@ -45,7 +53,7 @@ class Laid:
     def rivals(self, best: "Laid") -> bool:
         """Whether this leaves it open if the best is right: it comes near in worth, or the maps
         agree to the last bit by this too; and no walls speak against it alone."""
-        if self._same_as(best) or self._is_refuted(best):
+        if self._same_as(best) or self.is_refuted(best):
             return False
         ours, least = self.overlap, best.overlap.crossing
         if _is_near(self.hypothesis, best.hypothesis):
@@ -54,7 +62,7 @@ class Laid:
         shared = ours.walls_m >= min(FEW.walls_m, RIVAL_WALLS * best.overlap.walls_m)
         return shared and ours.crossing <= FEW.crossing and ours.hits >= RIVAL_HITS
 
-    def _is_refuted(self, best: "Laid") -> bool:
+    def is_refuted(self, best: "Laid") -> bool:
         """Whether far more wall must be gone by this than by the best, which shares as much."""
         gone_m = REFUTED_M + REFUTED_FACTOR * best.overlap.gone_m
         shares = best.overlap.walls_m >= RIVAL_WALLS * self.overlap.walls_m

@@ -16,7 +16,7 @@ from robot.team.hypothesis import Hypothesis
 from robot.team.joint import JointGraph
 from robot.team.journal import LogName
 from robot.team.log_map import LogMap, choose_scans, draw_log, lay_over
-from robot.team.rivals import Laid
+from robot.team.rivals import Laid, cleanest
 from world.lidar import Lidars
 from world.noise import Noise
 from world.terrain import Terrain
@@ -97,3 +97,11 @@ def test_maps_that_hardly_touch_rule_nothing_out(hall: tuple[LogMap, LogMap]) ->
 def test_walls_that_lie_a_little_off_are_not_gone(rooms: tuple[LogMap, LogMap]) -> None:
     drifted = laid(rooms, 5.0, Pose2(0.0, 0.12, 0.0))
     assert drifted.overlap.hits < 0.8 and drifted.overlap.gone_m < 2.5
+
+
+def test_walls_rather_than_worth_say_which_is_right(hall: tuple[LogMap, LogMap]) -> None:
+    """More rooms may match by a wrong one."""
+    right, wrong = laid(hall, 4.0, IDENTITY), laid(hall, 8.0, NEXT_ROOM)
+    assert cleanest([wrong, right]) is right
+    assert wrong.is_refuted(right) and not right.is_refuted(wrong)
+    assert cleanest([wrong]) is None and cleanest([]) is None
