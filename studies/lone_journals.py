@@ -39,7 +39,8 @@ class LoneJournal:
         return [entry for entry in self.entries if isinstance(entry, StoredKeyframe)]
 
     def cut(self, share: float) -> "LoneJournal":
-        """As it was when the robot had written that share of its keyframes."""
+        """As it was when the robot had written that share of its keyframes: its true way ends there
+        too, for what came after it had not seen."""
         wanted = max(1, round(share * len(self.keyframes)))
         kept: list[Known] = []
         for entry in self.entries:
@@ -47,7 +48,8 @@ class LoneJournal:
                 break
             kept.append(entry)
             wanted -= isinstance(entry, StoredKeyframe)
-        return replace(self, entries=tuple(kept))
+        last = max(entry.tick for entry in kept if isinstance(entry, StoredKeyframe))
+        return replace(self, entries=tuple(kept), truth=self.truth[: last + 1])
 
 
 def lone_journal(world: str, seed: int, seconds: float, folder: Path) -> LoneJournal:

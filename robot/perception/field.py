@@ -13,6 +13,7 @@ from robot.perception.returns import Returns
 
 ByteArray = npt.NDArray[np.uint8]
 IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
 
 # Between nodes the field is straight: with nodes 5 cm apart matches are drawn to them, which bends
 # a map by a milliradian per metre driven.
@@ -138,14 +139,31 @@ class CorrelationField:
 
     def on_walls(self, points: FloatArray) -> int:
         """How many of n×2 points (m, field frame) lie on walls."""
-        return int((_at(self.nodes, points, self.origin, RESOLUTION_M) >= HIT_LEVEL * 255.0).sum())
+        return int(self.is_wall(points).sum())
+
+    def passed(self, points: FloatArray) -> BoolArray:
+        """Which of n×2 points (m, field frame) rays went through."""
+        return _at(self.free, points, self.origin, FREE_RESOLUTION_M) > 0
+
+    def is_wall(self, points: FloatArray) -> BoolArray:
+        """Which of n×2 points (m, field frame) lie on walls."""
+        return _at(self.nodes, points, self.origin, RESOLUTION_M) >= HIT_LEVEL * 255.0
+
+    def is_wall_near(self, points: FloatArray, reach_m: float) -> BoolArray:
+        """Which of n×2 points (m, field frame) have a wall in the square that reaches so far to all
+        sides; steps across it are as wide as walls are drawn."""
+        sides = np.linspace(-reach_m, reach_m, 1 + 2 * math.ceil(reach_m / (2.0 * SIGMA_M)))
+        near = np.zeros(len(points), dtype=bool)
+        for x in sides:
+            for y in sides:
+                near |= self.is_wall(points + np.array([x, y]))
+        return near
 
     def hits(self, points: FloatArray) -> float:
         """The share on walls of n×2 points (m, field frame) that lie where this field knows the
         place; 0 where none does."""
-        known = _at(self.free, points, self.origin, FREE_RESOLUTION_M) > 0
-        walls = _at(self.nodes, points, self.origin, RESOLUTION_M) >= HIT_LEVEL * 255.0
-        return float(walls.sum() / max(1, (walls | known).sum()))
+        walls = self.is_wall(points)
+        return float(walls.sum() / max(1, (walls | self.passed(points)).sum()))
 
     def faced(self, points: FloatArray, normals: FloatArray) -> float:
         """Of n×2 points (m) of surfaces with normals (n×2, field frame) towards who saw them, the
@@ -155,11 +173,9 @@ class CorrelationField:
         """
         lined = np.abs(normals).sum(axis=1) > 0.0
         points, normals = points[lined], normals[lined]
-        walls = _at(self.nodes, points, self.origin, RESOLUTION_M) >= HIT_LEVEL * 255.0
+        walls = self.is_wall(points)
         front = points[walls] + FRONT_M * normals[walls]
-        if len(front) == 0:
-            return 1.0
-        return float((_at(self.free, front, self.origin, FREE_RESOLUTION_M) > 0).mean())
+        return float(self.passed(front).mean()) if len(front) else 1.0
 
     def cropped(self) -> "CorrelationField":
         """The same field without the empty margin, in arrays of its own."""

@@ -24,6 +24,8 @@ REACH_M = 12.0
 WALL_SPACING_M = 0.25
 # A map that would lie better elsewhere by more than this lies where it is for another reason.
 MAX_SHIFT_M, MAX_TURN_RAD = 0.5, 0.05
+# A wall with another one nearer than this has drifted rather than gone.
+DRIFTED_M = 0.2
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,19 +39,21 @@ class LogScans:
 @dataclass(frozen=True, slots=True)
 class LogMap:
     """Scans at poses (k×3), what they drew, and the walls, spread evenly, with normals towards the
-    robot, all in one frame."""
+    robot, all in one frame; `solid` (n×2): points of walls that the robot never saw through."""
 
     poses: FloatArray
     scans: tuple[Returns, ...]
     field: CorrelationField
     walls: Returns
+    solid: FloatArray
 
 
 @dataclass(frozen=True, slots=True)
 class Overlap:
     """How two maps lie on each other; shares as in Evidence, `walls_m` the length of wall that
     both have seen and agree on, each stretch counted once, `crossing_mean` that of both ways;
-    `faced` the share of those walls that both have seen from the same side."""
+    `faced` the share of those walls that both have seen from the same side; `gone_m` the length of
+    walls of one that the other saw through, with none near them."""
 
     overlap: float
     hits: float
@@ -57,6 +61,7 @@ class Overlap:
     walls_m: float
     crossing_mean: float
     faced: float
+    gone_m: float
 
 
 def choose_scans(log: LogGraph, anchors: FloatArray, noise: FloatArray) -> LogScans:
@@ -91,7 +96,8 @@ def draw_log(log: LogGraph, scans: LogScans, anchors: FloatArray) -> LogMap:
         points.append(values)
     together = np.concatenate(points)
     walls = spread(Returns(together, np.zeros(len(together), dtype=np.int64)), WALL_SPACING_M)
-    return LogMap(poses, scans.scans, field, walls)
+    solid = walls.points[~field.passed(walls.points)]
+    return LogMap(poses, scans.scans, field, walls, solid)
 
 
 def _apart(poses: FloatArray) -> list[int]:
@@ -122,6 +128,7 @@ def lay_over(a: LogMap, b: LogMap, T_a_b: Pose2 = IDENTITY) -> Overlap:
         min(walls_a, walls_b),
         0.5 * (on_a.crossing + on_b.crossing),
         min(faced_a, faced_b),
+        _gone(a, b, T_a_b) + _gone(b, a, T_a_b.inverse()),
     )
 
 
@@ -134,3 +141,10 @@ def _one_way(a: LogMap, b: LogMap, T_a_b: Pose2) -> tuple[Overlay, float, float]
     normals = Pose2(0.0, 0.0, T_a_b.theta).apply(b.walls.values[:, 2:4].copy())
     faced = a.field.faced(walls, normals)
     return Overlay.of(total, weight), WALL_SPACING_M * a.field.on_walls(walls), faced
+
+
+def _gone(a: LogMap, b: LogMap, T_a_b: Pose2) -> float:
+    """The length (m) of the walls of b that a saw through and knows nothing like near them."""
+    solid = T_a_b.apply(b.solid.copy())
+    through = solid[a.field.passed(solid)]
+    return WALL_SPACING_M * int((~a.field.is_wall_near(through, DRIFTED_M)).sum())

@@ -9,65 +9,21 @@ whole maps are laid over each other as it says. A pair is
     contradictory   enough distinct places, but the maps do not agree, or other pairs say otherwise
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 
-from protocol.pose import FloatArray, Pose2, wrap_angle
+from protocol.pose import FloatArray, Pose2
+from robot.team.demands import CLEAR, COUPLE, FEW, MANY, MIN_FACED
 from robot.team.evidence import Kind
 from robot.team.hypothesis import Hypothesis, LoneLogs, hypotheses
 from robot.team.joint import JointGraph, LinkName
 from robot.team.journal import LogName
 from robot.team.log_map import LogMap, LogScans, Overlap, choose_scans, closest, draw_log, lay_over
+from robot.team.rivals import Laid, cleanest, may_be_rival
 
-
-@dataclass(frozen=True, slots=True)
-class Demands:
-    """What an alignment takes: distinct places, what they are worth together, how like the next
-    best most of them may look, and what the next alignment may be worth by this one; of the whole
-    maps the walls seen by both, returns on walls, and rays through them."""
-
-    places: int
-    worth: float
-    ambiguity: float
-    rival: float
-    walls_m: float
-    hits: float
-    crossing: float
-
-    def are_met_by(self, hypothesis: Hypothesis, rival: float) -> bool:
-        """Whether the matches of a hypothesis come up to them, whatever the maps say."""
-        return (
-            hypothesis.places >= self.places
-            and hypothesis.worth >= self.worth
-            and hypothesis.ambiguity <= self.ambiguity
-            and rival <= self.rival
-        )
-
-
-# Of few places the maps must say more: that they agree to the last bit, over more than a room. Two
-# different buildings can disagree as little as people, glass and drift make one disagree (one pair
-# of a hundred had hits 0.83 and crossing 0.058, as two runs in Wean Hall have): so much is suffered
-# only where nothing else fits by far.
-CLEAR = Demands(3, worth=1.2, ambiguity=1.0, rival=0.25, walls_m=25.0, hits=0.80, crossing=0.06)
-MANY = Demands(3, worth=1.2, ambiguity=1.0, rival=1.0, walls_m=25.0, hits=0.80, crossing=0.025)
-COUPLE = Demands(2, worth=1.2, ambiguity=0.6, rival=1.0, walls_m=25.0, hits=0.85, crossing=0.015)
-FEW = Demands(1, worth=0.4, ambiguity=0.85, rival=1.0, walls_m=35.0, hits=0.85, crossing=0.015)
-# Of the walls that both have seen so many from the same side: two sides of a wall match as well.
-MIN_FACED = 0.7
 # Two sightings each of which says who was seen need no look-alike places to be ruled out.
 MIN_SIGHTINGS = 2
 MAX_SIGHTED_CROSSING = 0.10
-# Another alignment that comes this near to the best in worth leaves it open which is right, unless
-# so many more rays cross walls by it than by the best; one of less worth does if the maps agree by
-# it as they would have to by few places, and over as much wall, or half of what they share by the
-# best: maps that hardly touch contradict nothing.
-RIVAL_WORTH = 0.6
-RIVAL_CROSSING, RIVAL_FACTOR, MAX_RIVAL_CROSSING = 0.01, 2.5, 0.08
-RIVAL_HITS, RIVAL_WALLS = 0.90, 0.5
-# Sets of matches that err by a little more than they should disagree, and yet lay the maps in the
-# same way: what comes to lie this near, once both are where they lie best, is no other alignment.
-SAME_M, SAME_RAD = 0.3, 0.05
-
 KNOWN = "their starts are known"
 
 
@@ -101,20 +57,6 @@ class PairView:
     overlap: Overlap | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class _Laid:
-    """How the whole maps of two logs lie by a hypothesis; `T_a_b` from the first anchor of a to the
-    middle one of b."""
-
-    overlap: Overlap
-    T_a_b: Pose2
-
-    def same_as(self, other: "_Laid") -> bool:
-        """Whether two hypotheses come to the same."""
-        turn = abs(wrap_angle(self.T_a_b.theta - other.T_a_b.theta))
-        return self.T_a_b.distance_to(other.T_a_b) <= SAME_M and turn <= SAME_RAD
-
-
 class PairJudge:
     """Judges pairs of one graph; what several pairs need of a log is worked out once."""
 
@@ -143,7 +85,24 @@ class PairJudge:
             if views[-1].state is not State.CONTRADICTORY or best.sightings >= MIN_SIGHTINGS:
                 break
         last = views[-1]
-        return last if last.state is State.ALIGNED else views[0]
+        if last.state is State.ALIGNED:
+            return last
+        return self._outranked(found, a, b) or views[0]
+
+    def _outranked(self, found: list[Hypothesis], a: LogName, b: LogName) -> PairView | None:
+        """How two logs stand by an alignment that others outrank in worth, if walls refute these:
+        where rooms repeat more of them may match by a wrong one. It needs places enough itself."""
+        if any(one.sightings for one in found):
+            return None
+        laid = [self._lay_over(one, a, b) for one in found if one.worth >= FEW.worth]
+        clean = cleanest(laid)
+        if clean is None or not MANY.are_met_by(clean.hypothesis, 0.0):
+            return None
+        left = [one.hypothesis for one in laid if one is not clean and not one.is_refuted(clean)]
+        view = self._view(clean.hypothesis, left, a, b)
+        right = view.state is State.ALIGNED and clean.overlap.crossing <= MANY.crossing
+        others = [one for one in found if one is not clean.hypothesis]
+        return replace(view, rival=_next_worth(clean.hypothesis, others)) if right else None
 
     def _view(self, best: Hypothesis, others: list[Hypothesis], a: LogName, b: LogName) -> PairView:
         """How two logs stand if `best` is what their matches say."""
@@ -176,7 +135,7 @@ class PairJudge:
     def _verdict(
         self,
         best: Hypothesis,
-        laid: _Laid | None,
+        laid: Laid | None,
         others: list[Hypothesis],
         a: LogName,
         b: LogName,
@@ -202,30 +161,15 @@ class PairJudge:
             return State.TENTATIVE, "the places look like others"
         if overlap.walls_m < demands.walls_m:
             return State.TENTATIVE, f"{overlap.walls_m:.0f} m of common walls are too few"
-        if any(self._is_rival(other, best, laid, a, b) for other in others):
+        if any(self._is_rival(other, laid, a, b) for other in others):
             return State.TENTATIVE, "another alignment fits nearly as well"
         return State.ALIGNED, f"{best.places} places agree"
 
-    def _is_rival(
-        self, other: Hypothesis, best: Hypothesis, where: _Laid, a: LogName, b: LogName
-    ) -> bool:
-        """Whether another alignment leaves it open which is right: one that comes near in worth, or
-        one of less whose maps agree to the last bit too."""
-        near = other.worth >= RIVAL_WORTH * best.worth
-        if not near and other.worth < FEW.worth:
-            return False
-        laid = self._lay_over(other, a, b)
-        if laid.same_as(where):
-            return False
-        overlap = laid.overlap
-        if near:
-            least = where.overlap.crossing
-            worse = max(least + RIVAL_CROSSING, RIVAL_FACTOR * least)
-            return overlap.crossing <= min(worse, MAX_RIVAL_CROSSING)
-        shared = overlap.walls_m >= min(FEW.walls_m, RIVAL_WALLS * where.overlap.walls_m)
-        return shared and overlap.crossing <= FEW.crossing and overlap.hits >= RIVAL_HITS
+    def _is_rival(self, other: Hypothesis, best: Laid, a: LogName, b: LogName) -> bool:
+        """Whether another alignment leaves it open which is right."""
+        return may_be_rival(other, best.hypothesis) and self._lay_over(other, a, b).rivals(best)
 
-    def _lay_over(self, hypothesis: Hypothesis, a: LogName, b: LogName) -> _Laid:
+    def _lay_over(self, hypothesis: Hypothesis, a: LogName, b: LogName) -> Laid:
         """The whole maps as a hypothesis bends them together, and shifted to where they lie best:
         before that, drift looks like walls that are crossed."""
         one, other = (self._draw(hypothesis, name) for name in (a, b))
@@ -233,7 +177,7 @@ class PairJudge:
         ours, theirs = hypothesis.solution[a], hypothesis.solution[b]
         T_frame_b = shift @ Pose2.from_array(theirs[len(theirs) // 2])
         T_a_b = Pose2.from_array(ours[0]).inverse() @ T_frame_b
-        return _Laid(lay_over(one, other, shift), T_a_b)
+        return Laid(hypothesis, lay_over(one, other, shift), T_a_b)
 
     def _draw(self, hypothesis: Hypothesis, name: LogName) -> LogMap:
         log = self._graph.log(name)

@@ -44,6 +44,7 @@ def test_a_journal_is_played_once_and_cut_by_its_keyframes(
     half = one.cut(0.5)
     assert len(half.keyframes) == round(0.5 * len(one.keyframes))
     assert half.entries == one.entries[: len(half.entries)]
+    assert len(half.truth) == half.keyframes[-1].tick + 1
 
 
 def test_choices_follow_from_the_seed_and_go_through_all_pairs() -> None:
