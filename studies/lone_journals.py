@@ -58,7 +58,7 @@ def lone_journal(world: str, seed: int, seconds: float, folder: Path) -> LoneJou
     Raises MapFileError and StartError as `Simulation` does.
     """
     # Entries of another format are none: such files stay where they are.
-    stem = f"{_file_name(world)}-{seed}-{seconds:g}s-{FORMAT.split()[-1]}"
+    stem = f"{file_name(world)}-{seed}-{seconds:g}s-{FORMAT.split()[-1]}"
     path, way = folder / f"{stem}.journal", folder / f"{stem}.npy"
     if not path.exists():
         folder.mkdir(parents=True, exist_ok=True)
@@ -99,7 +99,7 @@ def _play(world: str, seed: int, seconds: float) -> tuple[list[bytes], FloatArra
     return records, np.array(truth)
 
 
-def _file_name(world: str) -> str:
+def file_name(world: str) -> str:
     """A world's name with nothing in it that a file's must not have."""
     stem = Path(world).stem if world.endswith((".yaml", ".yml")) else world
     return "".join(letter if letter.isalnum() else "-" for letter in stem)

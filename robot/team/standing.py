@@ -19,6 +19,8 @@ from robot.team.pair_judge import KNOWN, PairView, State
 
 SOLVE, SOLVE_EVERY_TICKS, SOLVE_DELAY_TICKS = "joint", 20, 5
 JUDGE, JUDGE_EVERY_TICKS, JUDGE_DELAY_TICKS = "judge", 50, 10
+# While a robot has been met that is not placed yet: they may part again soon.
+MET_EVERY_TICKS = 10
 # Maps that have grown by this share are laid over each other again.
 GROWTH = 0.2
 # The frame in which robots were told where they start.
@@ -51,14 +53,16 @@ class Standing:
 
     def step(self, tick: int, jobs: Jobs, graph: JointGraph) -> bool:
         """Land and start jobs; True when a new solution landed."""
-        for pairs in jobs.landed(JUDGE, tick):
-            self.pairs, self._unsolved = pairs, True
+        judged = jobs.landed(JUDGE, tick)
+        if judged:
+            self.pairs, self._unsolved = judged[-1], True
         landed = jobs.landed(SOLVE, tick)
         if landed:
             self.solution = landed[-1]
-        if tick % JUDGE_EVERY_TICKS == 0 and not jobs.pending(JUDGE) and self._is_due(graph):
+        if self._may_judge(tick, graph) and not jobs.pending(JUDGE) and self._is_due(graph):
             jobs.start(JUDGE, tick, JUDGE_DELAY_TICKS, judge, graph.snapshot(), self._noise)
-        if tick % SOLVE_EVERY_TICKS == 0 and self._unsolved and not jobs.pending(SOLVE):
+        may_solve = bool(judged) or tick % SOLVE_EVERY_TICKS == 0
+        if may_solve and self._unsolved and not jobs.pending(SOLVE):
             arguments = (graph.snapshot(), self.pairs, self._own, self._start)
             jobs.start(SOLVE, tick, SOLVE_DELAY_TICKS, solve_own, *arguments)
             self._unsolved = False
@@ -94,6 +98,21 @@ class Standing:
         if self._start is not None:
             return Exact(solution, IDENTITY, frame)
         return Exact(solution, Pose2.from_array(solution[self._own][0]), frame)
+
+    def _may_judge(self, tick: int, graph: JointGraph) -> bool:
+        if tick % JUDGE_EVERY_TICKS == 0:
+            return True
+        return tick % MET_EVERY_TICKS == 0 and self._has_met_a_stranger(graph)
+
+    def _has_met_a_stranger(self, graph: JointGraph) -> bool:
+        """Whether one who is placed here and one who is not have seen each other."""
+        placed = {self._own, *self.solution}
+        return any(
+            link.evidence.kind is Kind.SIGHTING and (name in placed) != (link.log in placed)
+            for name in graph.logs()
+            if (log := graph.log(name)) is not None
+            for link in log.links
+        )
 
     def _is_due(self, graph: JointGraph) -> bool:
         """Whether there is new evidence, or enough new map to test the old by."""
