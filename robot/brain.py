@@ -142,8 +142,9 @@ class Brain:
 
     def _decide(self, sense: Sense, motion: Motion, scan: LaserScan | None) -> Decision:
         pose = self._where.pose()
-        places = functools.partial(self._where.meeting_places, sense.tick)
-        snapshot = _MapSnapshot(self._joint_map, pose, scan, places)
+        seeking = self._decision is not None and self._decision.explored
+        place = functools.partial(self._where.meeting_place, sense.tick, seeking)
+        snapshot = _MapSnapshot(self._joint_map, pose, scan, place)
         self._decision = self._explorer.step(
             sense.tick,
             pose,
@@ -296,10 +297,10 @@ class _MapSnapshot:
         drawn: KeyframeMap,
         pose: Pose2,
         scan: LaserScan | None,
-        meeting_places: Callable[[], FloatArray],
+        meeting_place: Callable[[], Pose2 | None],
     ) -> None:
         self._drawn, self._pose, self._scan = drawn, pose, scan
-        self.meeting_places = meeting_places
+        self.meeting_place = meeting_place
 
     def snapshot(self) -> OccupancyGrid:
         if self._scan is None:

@@ -5,13 +5,16 @@ import math
 import numpy as np
 
 from protocol.messages import Sense
-from protocol.pose import IDENTITY, FloatArray, Pose2
+from protocol.pose import IDENTITY, Pose2
 from robot.explore.policy import Teammate
 from robot.slam.engine import Engine, Estimate
 from robot.team.joint import Solution, anchor_pose, anchor_poses
 from robot.team.team import Team
 
 FRESH_TICKS = 60  # a beacon older than this says nothing of where a teammate is
+# So long a robot gets to a meeting place and waits there, once for each time it lost a teammate.
+SEEK_TICKS = 1200
+HERE_M = 1.0
 
 
 class Whereabouts:
@@ -24,6 +27,7 @@ class Whereabouts:
         """What the engine said last, in its own frame."""
         self._seen: dict[str, tuple[int, Pose2]] = {}  # when, and where from the robot
         self._contacts: dict[str, Pose2] = {}  # where this robot was when it heard each one last
+        self._sought: dict[str, tuple[int, int]] = {}  # since when, after which beacon
 
     def note(self, sense: Sense) -> None:
         """Remember who is seen and who was heard, once the team has taken the frames in."""
@@ -78,14 +82,23 @@ class Whereabouts:
             found.append(Teammate(name, where, goal, age, name in in_range))
         return tuple(found)
 
-    def meeting_places(self, tick: int) -> FloatArray:
-        """Where (n×2, m) to meet the teammates out of earshot: where the first by name of two was
-        when they heard each other last, as far as this robot knows that."""
-        places = []
+    def meeting_place(self, tick: int, seeking: bool) -> Pose2 | None:
+        """Where to go to meet a teammate out of earshot, while this robot does (`seeking`) or if it
+        began to. None when it is there, and when there is nobody to be met or not at once."""
         for name in self._team.untold(tick):
-            known = self._team.teammate_pose(name)
-            if self._team.own_log.robot < name:
-                places.append(self._contacts[name])
-            elif known:
-                places.append(known[0])
-        return np.array([(place.x, place.y) for place in places]).reshape(-1, 2)
+            place, heard = self._place_for(name), self._team.heard[name].tick
+            since, after = self._sought.get(name, (tick, -1))
+            if after != heard or not seeking:
+                since = tick
+            self._sought[name] = since, heard
+            if place is not None and tick - since <= SEEK_TICKS:
+                return None if self.pose().distance_to(place) <= HERE_M else place
+        return None
+
+    def _place_for(self, name: str) -> Pose2 | None:
+        """Where both look for each other: where the first of the two by name was when they heard
+        each other last, as far as this robot knows that."""
+        if self._team.own_log.robot < name:
+            return self._contacts[name]
+        known = self._team.teammate_pose(name)
+        return known[0] if known else None

@@ -69,8 +69,8 @@ class _Surroundings:
     def lookouts(self) -> FloatArray:
         return np.empty((0, 2))
 
-    def meeting_places(self) -> FloatArray:
-        return np.empty((0, 2))
+    def meeting_place(self) -> Pose2 | None:
+        return None
 
 
 def make_course(seed: int) -> Course:

@@ -116,7 +116,7 @@ class Explorer:
             self._config.name, tick, grids.snapshot(), pose, self._config.body, teammates,
             self._refusals.places(), self._goal,
             grids.lookouts(), self._footprints.visits(), self._config.tick_s,
-            self._refusals.blocked(), self._home, grids.meeting_places(),
+            self._refusals.blocked(), self._home, grids.meeting_place(),
         )  # fmt: skip
         self._jobs.start("plan", tick, PLAN_DELAY_TICKS, self._policy.plan, view)
         self._planned_from = pose

@@ -43,8 +43,8 @@ class GridProvider(Protocol):
     def lookouts(self) -> FloatArray:
         """Where (n×2, m) the scans on the map were taken."""
 
-    def meeting_places(self) -> FloatArray:
-        """Where (n×2, m) to go to meet teammates (see `View`)."""
+    def meeting_place(self) -> Pose2 | None:
+        """Where to go to meet a teammate (see `View`)."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -35,8 +35,8 @@ class View:
     `blocked` (n×2) are spots that look open on the map and that the robot did not get through.
     `home` is where the robot started. `lookouts` (n×2) are where the scans on the map were taken,
     by whomever.
-    `meeting_places` (n×2) are where teammates out of earshot will look for this robot, or may be
-    found, that have something to tell or to be told; the most wanted one first.
+    `meeting_place`, if any, is where a teammate out of earshot looks for this robot, or is to be
+    found, that has something to tell or to be told.
     `visits` (n×3) are places (x, y in m) and the tick when one of the team was last seen there.
     """
 
@@ -53,7 +53,7 @@ class View:
     tick_s: float = 0.1
     blocked: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
     home: Pose2 | None = None
-    meeting_places: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
+    meeting_place: Pose2 | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -68,8 +68,8 @@ class _Shared:
     def lookouts(self) -> FloatArray:
         return np.empty((0, 2))
 
-    def meeting_places(self) -> FloatArray:
-        return np.empty((0, 2))
+    def meeting_place(self) -> Pose2 | None:
+        return None
 
 
 class Team:

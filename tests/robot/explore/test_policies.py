@@ -245,18 +245,17 @@ def test_what_is_no_policy_is_refused_with_a_reason(tmp_path: Path, name: str, w
 def test_with_nothing_left_to_explore_a_robot_goes_to_meet_who_is_out_of_earshot() -> None:
     cells = np.full((60, 300), 100, dtype=np.int8)
     cells[10:50, 60:240] = 0
-    alone = replace(_view(OccupancyGrid(cells, 0.05, 0.0, 0.0), Pose2(5.0, 1.5, 0.0)), tick=900)
+    alone = _view(OccupancyGrid(cells, 0.05, 0.0, 0.0), Pose2(5.0, 1.5, 0.0))
     policy = make_policy("frontier")
     assert policy.plan(alone).exhausted
-    beyond_the_wall, places = [14.0, 1.5], np.array([[14.0, 1.5], [10.0, 1.5], [7.0, 1.5]])
-    plan = policy.plan(replace(alone, meeting_places=places))
-    assert plan.goal is not None
-    assert (plan.goal.x, plan.goal.y) == (10.0, 1.5)
+    plan = policy.plan(replace(alone, meeting_place=Pose2(10.0, 1.5, 0.0)))
+    assert plan.goal == Pose2(10.0, 1.5, 0.0)
     assert not plan.explores
+    assert not plan.exhausted
     assert np.hypot(*(plan.path[-1] - [10.0, 1.5])) < 0.3
-    # Somebody was there ten seconds ago: the next place has its turn.
-    visits = np.array([[10.5, 1.5, 800.0], [7.5, 1.5, 100.0]])
-    plan = policy.plan(replace(alone, meeting_places=places, visits=visits))
-    assert plan.goal is not None
-    assert plan.goal.x == 7.0
-    assert policy.plan(replace(alone, meeting_places=np.array([beyond_the_wall]))).exhausted
+    beyond_the_wall, off_the_map = Pose2(14.0, 1.5, 0.0), Pose2(90.0, 1.5, 0.0)
+    assert policy.plan(replace(alone, meeting_place=beyond_the_wall)).exhausted
+    assert policy.plan(replace(alone, meeting_place=off_the_map)).exhausted
+    exploring = _view(_half_known(), Pose2(5.0, 1.5, 0.0))
+    plan = policy.plan(replace(exploring, meeting_place=Pose2(8.0, 1.5, 0.0)))
+    assert plan.explores
