@@ -7,7 +7,7 @@ chains of anchors between them may err by. True matches are consistent with each
 hardly ever are, unless the building repeats itself. A set is worth the distinct places in it.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 import numpy.typing as npt
@@ -46,6 +46,10 @@ class Matches:
     chain_a: FloatArray
     chain_b: FloatArray
     weights: FloatArray
+
+    def only(self, chosen: IntArray) -> "Matches":
+        """Those of some numbers."""
+        return Matches(*(getattr(self, field.name)[chosen] for field in fields(self)))
 
 
 def gathered_covariance(relative: FloatArray, covariance: FloatArray) -> FloatArray:

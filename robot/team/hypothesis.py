@@ -6,7 +6,7 @@ import numpy as np
 
 from protocol.pose import FloatArray, Pose2
 from robot.slam.gaussian import carry, invert_spd
-from robot.team.consistency import Matches, consistent_sets, gathered_covariance, worth
+from robot.team.consistency import IntArray, Matches, consistent_sets, gathered_covariance, worth
 from robot.team.evidence import Evidence, Kind, weight_of
 from robot.team.joint import Group, JointGraph, LinkName, Solution, solve
 from robot.team.journal import LogName
@@ -17,6 +17,8 @@ MAX_HYPOTHESES = 6
 # A step of a chain that says so little (m², rad²) was not driven: the robot went on in another
 # submap for a while, and a closure holds the anchor. At its word it would let all matches agree.
 UNTIED = 1.0
+# Two sightings each of which says who was seen need no look-alike places to be ruled out.
+MIN_SIGHTINGS = 2
 # Below this a place match says next to nothing.
 LEAST_WEIGHT = 0.02
 
@@ -96,7 +98,7 @@ def hypotheses(graph: JointGraph, lone: LoneLogs, a: LogName, b: LogName) -> lis
     if not names:
         return []
     found = []
-    for chosen in consistent_sets(matches, MAX_HYPOTHESES):
+    for chosen in _sets(matches, [_evidence(graph, name) for name in names]):
         links = tuple(names[k] for k in chosen)
         best = int(chosen[int(np.argmax(matches.weights[chosen]))])
         T_a_b = (
@@ -118,6 +120,17 @@ def hypotheses(graph: JointGraph, lone: LoneLogs, a: LogName, b: LogName) -> lis
             )
         )
     return found
+
+
+def _sets(matches: Matches, evidence: list[Evidence]) -> list[IntArray]:
+    """The sets worth most, and that of the sightings however many rooms that look alike outdo it:
+    these say who was seen."""
+    sets = consistent_sets(matches, MAX_HYPOTHESES)
+    seen = np.array([one.kind is Kind.SIGHTING for one in evidence])
+    if seen.sum() >= MIN_SIGHTINGS and all(seen[chosen].sum() < MIN_SIGHTINGS for chosen in sets):
+        sighted = np.flatnonzero(seen)
+        sets.append(sighted[consistent_sets(matches.only(sighted), 1)[0]])
+    return sets
 
 
 def _matches(

@@ -23,8 +23,9 @@ from robot.team.journal import LogName
 
 # Beacons come a few ticks late.
 REMEMBERED_TICKS = 30
-# Sightings right after one another err the same way.
-EVERY_TICKS = 15
+# Sightings right after one another err the same way; but the first two, which it takes, are worth
+# having of a glimpse too.
+EVERY_TICKS, HASTY_TICKS = 15, 3
 # Enough for one pair.
 MOST = 12
 # What the poses of both in their anchors' frames err by, besides what they say.
@@ -64,7 +65,8 @@ class Meetings:
         """
         log = LogName(sender, beacon.incarnation)
         last_tick, count = self._last.get(log, (-EVERY_TICKS, 0))
-        if log < self._own or sent_tick - last_tick < EVERY_TICKS or count >= MOST:
+        least = EVERY_TICKS if count > 1 else HASTY_TICKS
+        if log < self._own or sent_tick - last_tick < least or count >= MOST:
             return None
         moment = next((m for m in self._moments if m.tick == sent_tick), None)
         seen = _of(moment.sightings, sender) if moment else None

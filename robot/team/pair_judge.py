@@ -15,14 +15,12 @@ from enum import Enum
 from protocol.pose import FloatArray, Pose2
 from robot.team.demands import CLEAR, COUPLE, FEW, MANY, MIN_FACED
 from robot.team.evidence import Kind
-from robot.team.hypothesis import Hypothesis, LoneLogs, hypotheses
+from robot.team.hypothesis import MIN_SIGHTINGS, Hypothesis, LoneLogs, hypotheses
 from robot.team.joint import JointGraph, LinkName
 from robot.team.journal import LogName
 from robot.team.log_map import LogMap, LogScans, Overlap, choose_scans, closest, draw_log, lay_over
 from robot.team.rivals import Laid, cleanest, may_be_rival
 
-# Two sightings each of which says who was seen need no look-alike places to be ruled out.
-MIN_SIGHTINGS = 2
 MAX_SIGHTED_CROSSING = 0.10
 KNOWN = "their starts are known"
 
@@ -87,7 +85,16 @@ class PairJudge:
         last = views[-1]
         if last.state is State.ALIGNED:
             return last
-        return self._outranked(found, a, b) or views[0]
+        return self._sighted(found, a, b) or self._outranked(found, a, b) or views[0]
+
+    def _sighted(self, found: list[Hypothesis], a: LogName, b: LogName) -> PairView | None:
+        """How two logs stand by sightings alone, where places leave it open: who was seen there is
+        not to be doubted, however much another alignment is worth."""
+        best = next((one for one in found if one.sightings >= MIN_SIGHTINGS), None)
+        if best is None:
+            return None
+        view = self._view(best, [one for one in found if one is not best], a, b)
+        return view if view.state is State.ALIGNED else None
 
     def _outranked(self, found: list[Hypothesis], a: LogName, b: LogName) -> PairView | None:
         """How two logs stand by an alignment that others outrank in worth, if walls refute these:

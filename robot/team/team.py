@@ -22,7 +22,9 @@ from robot.team.parcels import ENTRIES, FRAME_OVERHEAD_BYTES, PART
 from robot.team.standing import Standing
 
 BEACON_EVERY_TICKS = 20
-MEETING_TICKS = 10  # while a robot is seen whose map does not fit yet: beacons tell how it stands
+# While a robot is seen whose map does not fit yet: beacons tell how it stands, and it may be gone
+# in a second.
+MEETING_TICKS = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +65,7 @@ class Team:
         self._decoded: dict[LogName, int] = {}
         self._contexts: dict[LogName, LogContext] = {}
         self._records: list[bytes] = []
+        self._beaconed = -MEETING_TICKS
         self.write_hello(Hello.of(config))
 
     # -- what this robot learns by itself
@@ -164,7 +167,9 @@ class Team:
         frames: list[RadioFrame] = []
         spent = 0
         meeting = any(not self._is_placed(seen.robot) for seen in live.sightings)
-        if tick % (MEETING_TICKS if meeting else BEACON_EVERY_TICKS) == 0:
+        hasty = meeting and tick - self._beaconed >= MEETING_TICKS
+        if hasty or tick % BEACON_EVERY_TICKS == 0:
+            self._beaconed = tick
             payload = encode_beacon(self._beacon(tick, live))
             frames.append(RadioFrame(kind=BEACON, payload=payload))
             spent = len(payload) + FRAME_OVERHEAD_BYTES

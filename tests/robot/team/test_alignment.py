@@ -15,7 +15,7 @@ from robot.slam.engine import Anchor, Keyframe
 from robot.team.alignment import Alignment, align
 from robot.team.entries import Hello, Known, Link, decode_entry, encode_entry
 from robot.team.evidence import Evidence, Kind, weight_of
-from robot.team.hypothesis import solve_alone
+from robot.team.hypothesis import MAX_HYPOTHESES, solve_alone
 from robot.team.joint import JointGraph, solve
 from robot.team.journal import LogName
 from robot.team.near_matches import near_matches
@@ -241,6 +241,24 @@ def test_sightings_alone_align(recorded: Recorded) -> None:
     _, alignment = aligned_by(recorded, [link, link])
     view = alignment.pair(ONE, TWO)
     assert view is not None and view.state is State.ALIGNED
+
+
+def test_places_do_not_outvote_sightings(recorded: Recorded, found: list[Link]) -> None:
+    """In rows of rooms many alignments are worth more than two glimpses of a robot."""
+    lies = [
+        lie
+        for k in range(MAX_HYPOTHESES + 1)
+        for lie in _shifted(recorded, found, Pose2(1.5 + 1.5 * k, 1.0, 0.5))
+    ]
+    seen = Link(0, TWO, 0, recorded.T_one_two, np.eye(3) * 1e3, Evidence(Kind.SIGHTING))
+    _, alignment = aligned_by(recorded, lies)
+    view = alignment.pair(ONE, TWO)
+    assert view is not None and view.state is not State.ALIGNED
+    _, alignment = aligned_by(recorded, [*lies, seen, seen])
+    view = alignment.pair(ONE, TWO)
+    assert view is not None and view.state is State.ALIGNED
+    assert view.sightings == 2
+    assert view.rival > 1.0
 
 
 def test_near_matches_make_it_precise(recorded: Recorded, found: list[Link]) -> None:
