@@ -3,9 +3,9 @@
     python -m studies.first_meetings scoring repeating --seeds 0-4 --json meetings.json
 
 Two robots explore each world from random starts that they do not know. From the first tick at which
-they see and hear each other both get `WITHIN_S` to call their maps aligned, and the run ends then.
-Right is where either would place the other's map within `RIGHT_M` and `RIGHT_RAD` of where it lies,
-in its middle so far. Runs in which they do not meet within `--limit` are listed and not counted.
+they see and hear each other both get `WITHIN_S` to call their maps aligned and see the other within
+`RIGHT_M` and `RIGHT_RAD` of where it is; false is who is aligned otherwise by then. Runs in which
+they do not meet within `--limit` are listed and not counted.
 """
 
 import sys
@@ -34,8 +34,8 @@ ALIGNED = "aligned"
 
 
 class Meeting(Model):
-    """Of one run: when the two met first (None: never), how long it took until both called their
-    maps aligned (None: not in time), and by how much that was off at most."""
+    """Of one run: when the two met first (None: never), how long it took until both were aligned
+    and right (None: not aligned in time), and by how much that was off at most; their reasons."""
 
     world: str
     seed: int
@@ -58,12 +58,13 @@ class Meeting(Model):
 
 def play(world: str, seed: int, limit_s: float) -> Meeting:
     """One run, up to its first meeting and `WITHIN_S` longer."""
-    scenario = changed(Scenario(), {"map": world, "seed": seed, "max_sim_s": limit_s}, robots=2)
-    simulation = Simulation(scenario)
+    values = {"map": world, "seed": seed, "max_sim_s": limit_s + WITHIN_S}
+    simulation = Simulation(changed(Scenario(), values, robots=2))
     brains = {name: Brain(simulation.robot_config(name)) for name in simulation.names}
     senses = simulation.step({})
     met: float | None = None
-    while not simulation.done:
+    found = Meeting(world=world, seed=seed, met_s=None)
+    while not simulation.done and (simulation.stamp <= limit_s or met is not None):
         if met is None and simulation.links[0, 1] and all(s.sightings for s in senses.values()):
             met = simulation.stamp
         senses = simulation.step({name: brain.step(senses[name]) for name, brain in brains.items()})
@@ -71,22 +72,23 @@ def play(world: str, seed: int, limit_s: float) -> Meeting:
             continue
         reports = [brain.report() for brain in brains.values()]
         mates = [report.team[1 - k] for k, report in enumerate(reports)]
+        found = Meeting(
+            world=world,
+            seed=seed,
+            met_s=met,
+            reasons=tuple(mate.alignment_reason for mate in mates),
+        )
         if all(mate.alignment == ALIGNED and mate.pose is not None for mate in mates):
             errors = [_error(simulation, k, report) for k, report in enumerate(reports)]
-            return Meeting(
-                world=world,
-                seed=seed,
-                met_s=met,
-                took_s=simulation.stamp - met,
-                error_m=max(error.distance_to(IDENTITY) for error in errors),
-                error_rad=max(abs(error.theta) for error in errors),
-            )
-        if simulation.stamp - met >= WITHIN_S:
+            told = {
+                "took_s": simulation.stamp - met,
+                "error_m": max(error.distance_to(IDENTITY) for error in errors),
+                "error_rad": max(abs(error.theta) for error in errors),
+            }
+            found = found.model_copy(update=told)
+        if found.outcome == "right" or simulation.stamp - met >= WITHIN_S:
             break
-    reasons = tuple(
-        brain.report().team[1 - k].alignment_reason for k, brain in enumerate(brains.values())
-    )
-    return Meeting(world=world, seed=seed, met_s=met, reasons=reasons if met else ())
+    return found
 
 
 def kept(world: str, seed: int, limit_s: float, out: Path) -> Meeting:

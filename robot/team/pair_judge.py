@@ -75,26 +75,45 @@ class PairJudge:
         found = hypotheses(self._graph, self._lone, a, b)
         if not found:
             return PairView(a, b, State.UNKNOWN, "no match that is worth anything")
+        best, view = self._by_worth(found, a, b)
+        if best.sightings >= MIN_SIGHTINGS:
+            return view
+        seen = self._by_sightings(found, best, view, a, b)
+        if seen is not None or view.state is State.ALIGNED:
+            return seen or view
+        return self._outranked(found, a, b) or view
+
+    def _by_worth(
+        self, found: list[Hypothesis], a: LogName, b: LogName
+    ) -> tuple[Hypothesis, PairView]:
+        """The first that aligns them, or else the one worth most."""
         views = []
         for best in found:
             views.append(self._view(best, [other for other in found if other is not best], a, b))
+            if views[-1].state is State.ALIGNED:
+                return best, views[-1]
             # What the maps rule out leaves room for the next; sightings that they rule out do not:
             # something is wrong then that nobody can see from here.
             if views[-1].state is not State.CONTRADICTORY or best.sightings >= MIN_SIGHTINGS:
                 break
-        last = views[-1]
-        if last.state is State.ALIGNED:
-            return last
-        return self._sighted(found, a, b) or self._outranked(found, a, b) or views[0]
+        return found[0], views[0]
 
-    def _sighted(self, found: list[Hypothesis], a: LogName, b: LogName) -> PairView | None:
-        """How two logs stand by sightings alone, where places leave it open: who was seen there is
-        not to be doubted, however much another alignment is worth."""
-        best = next((one for one in found if one.sightings >= MIN_SIGHTINGS), None)
-        if best is None:
+    def _by_sightings(
+        self, found: list[Hypothesis], best: Hypothesis, view: PairView, a: LogName, b: LogName
+    ) -> PairView | None:
+        """How two logs stand by their sightings, if these and the places that are worth most do not
+        come to the same: who was seen there is not to be doubted."""
+        sighted = next((one for one in found if one.sightings >= MIN_SIGHTINGS), None)
+        if sighted is None:
             return None
-        view = self._view(best, [one for one in found if one is not best], a, b)
-        return view if view.state is State.ALIGNED else None
+        seen = self._view(sighted, [one for one in found if one is not sighted], a, b)
+        if seen.state is not State.ALIGNED:
+            return None
+        if view.state is State.ALIGNED:
+            # Two glimpses are good to a degree, many places to a tenth of that.
+            same = self._lay_over(sighted, a, b).same_as(self._lay_over(best, a, b))
+            return None if same else seen
+        return seen
 
     def _outranked(self, found: list[Hypothesis], a: LogName, b: LogName) -> PairView | None:
         """How two logs stand by an alignment that others outrank in worth, if walls refute these:

@@ -53,7 +53,7 @@ class Laid:
     def rivals(self, best: "Laid") -> bool:
         """Whether this leaves it open if the best is right: it comes near in worth, or the maps
         agree to the last bit by this too; and no walls speak against it alone."""
-        if self._same_as(best) or self.is_refuted(best):
+        if self.same_as(best) or self.is_refuted(best):
             return False
         ours, least = self.overlap, best.overlap.crossing
         if _is_near(self.hypothesis, best.hypothesis):
@@ -68,7 +68,7 @@ class Laid:
         shares = best.overlap.walls_m >= RIVAL_WALLS * self.overlap.walls_m
         return shares and self.overlap.gone_m >= gone_m
 
-    def _same_as(self, other: "Laid") -> bool:
+    def same_as(self, other: "Laid") -> bool:
         """Whether two hypotheses come to the same."""
         turn = abs(wrap_angle(self.T_a_b.theta - other.T_a_b.theta))
         return self.T_a_b.distance_to(other.T_a_b) <= SAME_M and turn <= SAME_RAD
