@@ -5,6 +5,7 @@ noise on its ranges: what an engine must also stand.
 """
 
 import bisect
+import gc
 import math
 import time
 from collections.abc import Callable
@@ -156,6 +157,9 @@ def play(
     ranges = _noisy(scans, settings)
     order = np.arange(len(scans))[:: -1 if settings.reverse else 1][:: settings.every]
     _rehearse(ranges, odometry, order, lidar, settings)
+    # Or a scan of the log waits until all that was made before it has been looked through.
+    gc.collect()
+    gc.freeze()
 
     engine = _engine(lidar, settings, T_base_laser, whereabouts)
     first_settled: int | None = None
@@ -172,6 +176,7 @@ def play(
         if progress is not None:
             progress(tick + 1, len(order))
     wall_s = time.perf_counter() - start
+    gc.unfreeze()
 
     online = np.array([(pose.x, pose.y, pose.theta) for pose in estimates])
     stamps = np.array([scan.stamp for scan in scans])
