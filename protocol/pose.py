@@ -42,7 +42,7 @@ class Pose2:
         return Pose2(
             self.x + c * other.x - s * other.y,
             self.y + s * other.x + c * other.y,
-            (self.theta + other.theta + math.pi) % (2.0 * math.pi) - math.pi,
+            wrap_angle(self.theta + other.theta),
         )
 
     def inverse(self) -> "Pose2":

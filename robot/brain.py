@@ -142,8 +142,7 @@ class Brain:
 
     def _decide(self, sense: Sense, motion: Motion, scan: LaserScan | None) -> Decision:
         pose = self._where.pose()
-        seeking = self._decision is not None and self._decision.explored
-        place = functools.partial(self._where.meeting_place, sense.tick, seeking)
+        place = functools.partial(self._where.meeting_place, sense.tick, self._is_explored())
         snapshot = _MapSnapshot(self._joint_map, pose, scan, place)
         self._decision = self._explorer.step(
             sense.tick,
@@ -151,7 +150,7 @@ class Brain:
             motion,
             scan,
             snapshot,
-            self._where.teammates(sense.tick, self.config.team),
+            self._where.teammates(sense.tick, pose, self.config.team),
         )
         return self._decision
 

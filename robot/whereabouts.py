@@ -31,8 +31,9 @@ class Whereabouts:
 
     def note(self, sense: Sense) -> None:
         """Remember who is seen and who was heard, once the team has taken the frames in."""
-        for name in {frame.sender for frame in sense.frames} & self._team.heard.keys():
-            self._contacts[name] = self.pose()
+        heard = {frame.sender for frame in sense.frames} & self._team.heard.keys()
+        if heard:
+            self._contacts.update(dict.fromkeys(heard, self.pose()))
         for sighting in sense.sightings:
             x = sighting.range_m * math.cos(sighting.bearing_rad)
             y = sighting.range_m * math.sin(sighting.bearing_rad)
@@ -64,9 +65,9 @@ class Whereabouts:
         anchor = anchor_pose(self._team.graph.log(own), self._team.solution.get(own), index)
         return self.estimate.pose if anchor is None else anchor @ T_anchor_base
 
-    def teammates(self, tick: int, names: tuple[str, ...]) -> tuple[Teammate, ...]:
-        """Teammates as last seen, or else as they last said of themselves."""
-        pose, in_range = self.pose(), self._team.gossip.in_range(tick)
+    def teammates(self, tick: int, pose: Pose2, names: tuple[str, ...]) -> tuple[Teammate, ...]:
+        """Teammates as last seen from `pose`, or else as they last said of themselves."""
+        in_range = self._team.gossip.in_range(tick)
         found = []
         for name in names:
             known = self._team.teammate_pose(name)

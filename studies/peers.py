@@ -167,9 +167,10 @@ def _run(command: list[str], place: Path, limit_s: float) -> None:
 
 
 def compare(
-    path: Path, log: ScanLog, measure: Measure, limit_s: float
+    path: Path, log: ScanLog, measure: Measure, limit_s: float, only: str = ""
 ) -> Iterator[tuple[str, Figures | PeerError]]:
-    """Earshot and each peer with each of its settings on one log, or why there is no answer."""
+    """Earshot and each peer with each of its settings on one log, or why there is no answer; with
+    `only` those peers whose names hold that."""
     few = min(HEAD, len(log.scans) // 2)
     head = dataclasses.replace(log, scans=log.scans[:few])
     (start, start_s), (replay, seconds) = _played(head), _played(log)
@@ -183,7 +184,8 @@ def compare(
             _rawlogs(*of, place, limit_s) for of in ((some, start), (path.resolve(), replay))
         )
         more = len(replay.stamps) - len(start.stamps)
-        for name, setting in PEERS.items():
+        chosen = {name: setting for name, setting in PEERS.items() if only in name}
+        for name, setting in chosen.items():
             kind = setting.program == "icp-slam"
             try:
                 _, start_s = path_of(setting, heads[kind], len(start.stamps), place, limit_s)
@@ -225,6 +227,7 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument(
         "--limit", type=float, default=1800.0, metavar="S", help="for each peer, by the clock"
     )
+    parser.add_argument("--only", default="", metavar="TEXT", help="peers named so, as classic")
     arguments = parser.parse_args(argv)
     require_peer()
     measure = Measure(
@@ -235,7 +238,7 @@ def main(argv: list[str] | None = None) -> int:
     log = read_log(arguments.log)
     ensure_warm()
     found: dict[str, dict[str, float] | str] = {}
-    for name, outcome in compare(arguments.log, log, measure, arguments.limit):
+    for name, outcome in compare(arguments.log, log, measure, arguments.limit, arguments.only):
         if isinstance(outcome, PeerError):
             found[name] = told = str(outcome)
         else:

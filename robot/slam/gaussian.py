@@ -32,15 +32,6 @@ def advance(covariance: FloatArray, T_a_b: Pose2, added: FloatArray) -> FloatArr
     return out
 
 
-def advance_both(
-    first: FloatArray, second: FloatArray, T_a_b: Pose2, added: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """`advance` of two covariances by the same motion."""
-    one, other = np.empty((3, 3)), np.empty((3, 3))
-    gaussian_kernels.advance_both(first, second, T_a_b.x, T_a_b.y, T_a_b.theta, added, one, other)
-    return one, other
-
-
 def carry(covariance: FloatArray, T_a_b: Pose2) -> FloatArray:
     """Covariance of `T_map_b = T_map_a @ T_a_b` (3×3, tangent space at b) for an exact `T_a_b`.
 

@@ -47,13 +47,6 @@ def advance(covariance, x, y, theta, added, out):
 
 
 @kernel
-def advance_both(first, second, x, y, theta, added, out_first, out_second):
-    """`advance` of two covariances by the same motion."""
-    advance(first, x, y, theta, added, out_first)
-    advance(second, x, y, theta, added, out_second)
-
-
-@kernel
 def carry(covariance, x, y, theta, out):
     """out = Ad(T⁻¹) covariance Ad(T⁻¹)ᵀ for T = (x, y, theta)."""
     _carry(covariance, x, y, theta, out)

@@ -218,9 +218,9 @@ class GraphSlam:
         best = max(verdicts, key=lambda v: v.score if v.closure else 0.0, default=None)
         if best is None or best.closure is None or best.score < revisits.settle_score:
             return False
-        submap = next(c.submap for c in candidates if c.submap.index == best.of)
+        submap = next(c.submap for c in candidates if c.submap.index == best.closure.of)
         enough_tied = self._explored and front_end.current.finished
-        if not enough_tied and self._candidates.may_tie_again(best.of, anchor):
+        if not enough_tied and self._candidates.may_tie_again(best.closure.of, anchor):
             self._add_closures((best.closure,))
         for left in front_end.settle(submap, best.closure.T_of_to @ pose):
             self._candidates.add(left)

@@ -57,7 +57,6 @@ class Verdict(NamedTuple):
     """What became of a candidate: the score of the match, the closure between anchors that it means
     if nothing speaks against it, or else the reason."""
 
-    of: int
     score: float
     closure: Closure | None
     reason: str
@@ -78,22 +77,22 @@ def _examine(query: Query, candidate: Candidate, config: ClosureConfig) -> Verdi
             candidate.pyramid, few, candidate.window, config.search_floor, config.max_ambiguity
         )
         if peak is None:
-            return Verdict(submap.index, 0.0, None, "nothing in the window")
+            return Verdict(0.0, None, "nothing in the window")
         start, ambiguity = peak.pose, peak.runner_up / peak.score
     match = match_returns(submap.field, query.returns, start, WEAK_PRIOR, wanted=config.min_score)
     if match.score < config.min_score:
-        return Verdict(submap.index, match.score, None, "low score")
+        return Verdict(match.score, None, "low score")
     overlay = submap.field.overlay(match.T_field_base, query.returns)
     objection = _objection(overlay, ambiguity, config)
     if objection:
-        return Verdict(submap.index, match.score, None, objection)
+        return Verdict(match.score, None, objection)
     closure = Closure(
         submap.index,
         query.anchor,
         match.T_field_base @ query.T_anchor_base.inverse(),
         closure_information(match.information, query),
     )
-    return Verdict(submap.index, match.score, closure, "accepted")
+    return Verdict(match.score, closure, "accepted")
 
 
 def closure_information(match_information: FloatArray, query: Query) -> FloatArray:

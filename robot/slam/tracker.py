@@ -11,7 +11,7 @@ from robot.perception.odometry import Motion
 from robot.perception.returns import Returns
 from robot.perception.search import Blocks, Pyramid, Window, search
 from robot.slam.config import FrontEndConfig
-from robot.slam.gaussian import advance_both, invert_sum
+from robot.slam.gaussian import advance, invert_sum
 from robot.slam.submap import Submap
 
 SEARCH_POINTS = 90
@@ -59,9 +59,8 @@ class Tracker:
     def predict(self, motion: Motion) -> None:
         """Move by the odometry: pose, covariance, and what the next match takes as its prior."""
         self.pose = self.pose @ motion.T_before_now
-        self.covariance, self._since_match = advance_both(
-            self.covariance, self._since_match, motion.T_before_now, motion.covariance
-        )
+        self.covariance = advance(self.covariance, motion.T_before_now, motion.covariance)
+        self._since_match = advance(self._since_match, motion.T_before_now, motion.covariance)
 
     def correct(self, submap: Submap, returns: Returns) -> Match:
         """Match a scan in the submap, and be where it says."""

@@ -63,6 +63,7 @@ class PairJudge:
         self._noise = noise
         self._lone = lone
         self._scans: dict[LogName, LogScans] = {}
+        self._laid: dict[tuple[LinkName, ...], Laid] = {}
 
     def known(self, a: LogName, b: LogName) -> PairView:
         """Two logs that were told where they start."""
@@ -75,45 +76,37 @@ class PairJudge:
         found = hypotheses(self._graph, self._lone, a, b)
         if not found:
             return PairView(a, b, State.UNKNOWN, "no match that is worth anything")
-        best, view = self._by_worth(found, a, b)
-        if best.sightings >= MIN_SIGHTINGS:
+        view = self._by_worth(found, a, b)
+        if view.sightings >= MIN_SIGHTINGS:
             return view
-        seen = self._by_sightings(found, best, view, a, b)
-        if seen is not None or view.state is State.ALIGNED:
-            return seen or view
-        return self._outranked(found, a, b) or view
+        seen = self._by_sightings(found, a, b)
+        if view.state is not State.ALIGNED:
+            return seen or self._outranked(found, a, b) or view
+        if seen is None or self._laid[seen.links].same_as(self._laid[view.links]):
+            return view  # two glimpses are good to a degree, many places to a tenth of that
+        return seen
 
-    def _by_worth(
-        self, found: list[Hypothesis], a: LogName, b: LogName
-    ) -> tuple[Hypothesis, PairView]:
-        """The first that aligns them, or else the one worth most."""
+    def _by_worth(self, found: list[Hypothesis], a: LogName, b: LogName) -> PairView:
+        """How two logs stand by the first that aligns them, or else by the one worth most."""
         views = []
         for best in found:
             views.append(self._view(best, [other for other in found if other is not best], a, b))
             if views[-1].state is State.ALIGNED:
-                return best, views[-1]
+                return views[-1]
             # What the maps rule out leaves room for the next; sightings that they rule out do not:
             # something is wrong then that nobody can see from here.
             if views[-1].state is not State.CONTRADICTORY or best.sightings >= MIN_SIGHTINGS:
                 break
-        return found[0], views[0]
+        return views[0]
 
-    def _by_sightings(
-        self, found: list[Hypothesis], best: Hypothesis, view: PairView, a: LogName, b: LogName
-    ) -> PairView | None:
-        """How two logs stand by their sightings, if these and the places that are worth most do not
-        come to the same: who was seen there is not to be doubted."""
+    def _by_sightings(self, found: list[Hypothesis], a: LogName, b: LogName) -> PairView | None:
+        """How two logs stand by their sightings, if the maps bear these out: who was seen there is
+        not to be doubted, however much places are worth that say otherwise."""
         sighted = next((one for one in found if one.sightings >= MIN_SIGHTINGS), None)
         if sighted is None:
             return None
         seen = self._view(sighted, [one for one in found if one is not sighted], a, b)
-        if seen.state is not State.ALIGNED:
-            return None
-        if view.state is State.ALIGNED:
-            # Two glimpses are good to a degree, many places to a tenth of that.
-            same = self._lay_over(sighted, a, b).same_as(self._lay_over(best, a, b))
-            return None if same else seen
-        return seen
+        return seen if seen.state is State.ALIGNED else None
 
     def _outranked(self, found: list[Hypothesis], a: LogName, b: LogName) -> PairView | None:
         """How two logs stand by an alignment that others outrank in worth, if walls refute these:
@@ -197,7 +190,12 @@ class PairJudge:
 
     def _lay_over(self, hypothesis: Hypothesis, a: LogName, b: LogName) -> Laid:
         """The whole maps as a hypothesis bends them together, and shifted to where they lie best:
-        before that, drift looks like walls that are crossed."""
+        before that, drift looks like walls that are crossed. Each is laid over once."""
+        if hypothesis.links not in self._laid:
+            self._laid[hypothesis.links] = self._lay_over_now(hypothesis, a, b)
+        return self._laid[hypothesis.links]
+
+    def _lay_over_now(self, hypothesis: Hypothesis, a: LogName, b: LogName) -> Laid:
         one, other = (self._draw(hypothesis, name) for name in (a, b))
         shift = closest(one, other)
         ours, theirs = hypothesis.solution[a], hypothesis.solution[b]
