@@ -5,6 +5,7 @@ travel on keys of their own, before the message that counts them, so `frames` is
 encoding and `frame_count` says how many belong to it.
 """
 
+import math
 from typing import Annotated, ClassVar, Literal, Self
 
 import numpy as np
@@ -25,6 +26,7 @@ from protocol.model import (
     Points,
     Poses,
 )
+from protocol.pose import Pose2
 
 # Sender, recipient, kind and tick as a radio would pack them. One number for every frame, so that
 # both ends count the same bytes without encoding the frame again.
@@ -79,6 +81,12 @@ class Sighting(Model):
     robot: RobotName
     range_m: float = Field(ge=0.0)
     bearing_rad: float
+
+    @property
+    def place(self) -> Pose2:
+        """Where that is in the robot's frame; which way the other looks is not seen."""
+        x = self.range_m * math.cos(self.bearing_rad)
+        return Pose2(x, self.range_m * math.sin(self.bearing_rad), 0.0)
 
 
 class Sense(Message):

@@ -59,7 +59,7 @@ class Brain:
             config.engine, config.lidar, config.body, self._start, self._jobs
         )
         self._team = Team(config, incarnation, self._jobs)
-        self._where = Whereabouts(self._start, self._engine, self._team)
+        self._where = Whereabouts(config, self._start, self._engine, self._team)
         self._places = PlaceFinder(self._team.own_log, config.lidar)
         self._homecoming = Homecoming(self._team.own_log, config.lidar)
         self._links = LinkFinder(self._team.own_log, config.lidar, GraphSlamConfig())
@@ -181,6 +181,7 @@ class Brain:
             None if T_base_goal is None else T_anchor_base @ T_base_goal,
             decision.finished,
             sense.sightings,
+            self._where.sees_stranger(sense),
         )
         frames = tuple(self._team.speak(sense.tick, live))
         self._counts["frames_sent"] += len(frames)

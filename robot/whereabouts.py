@@ -1,16 +1,18 @@
 """Where a robot and its teammates are, in the frame of the joint map."""
 
-import math
-
 import numpy as np
 
-from protocol.messages import Sense
+from protocol.config import RobotConfig
+from protocol.messages import Sense, Sighting
 from protocol.pose import IDENTITY, Pose2
 from robot.explore.policy import Teammate
 from robot.slam.engine import Engine, Estimate
 from robot.team.joint import Solution, anchor_pose, anchor_poses
 from robot.team.team import Team
 
+# Of a robot in sight this far from where its last beacon puts it the map does not fit, unless it
+# drove there.
+ASTRAY_M = 1.0
 FRESH_TICKS = 60  # a beacon older than this says nothing of where a teammate is
 # So long a robot gets to a meeting place and waits there, once for each time it lost a teammate.
 SEEK_TICKS = 1200
@@ -20,9 +22,10 @@ HERE_M = 1.0
 class Whereabouts:
     """Of one robot: what its engine, its eyes and the team's beacons say, put together."""
 
-    def __init__(self, start: Pose2, engine: Engine, team: Team) -> None:
+    def __init__(self, config: RobotConfig, start: Pose2, engine: Engine, team: Team) -> None:
         self._engine = engine
         self._team = team
+        self._stride_m = config.body.max_speed_mps * config.tick_s
         self.estimate = Estimate(start, np.zeros((3, 3)))
         """What the engine said last, in its own frame."""
         self._seen: dict[str, tuple[int, Pose2]] = {}  # when, and where from the robot
@@ -35,9 +38,7 @@ class Whereabouts:
         if heard:
             self._contacts.update(dict.fromkeys(heard, self.pose()))
         for sighting in sense.sightings:
-            x = sighting.range_m * math.cos(sighting.bearing_rad)
-            y = sighting.range_m * math.sin(sighting.bearing_rad)
-            self._seen[sighting.robot] = (sense.tick, Pose2(x, y, 0.0))
+            self._seen[sighting.robot] = (sense.tick, sighting.place)
 
     def own_anchors(self, solution: Solution) -> Solution:
         """The anchors of all lives of this robot that are placed: by the joint solution, or else by
@@ -82,6 +83,18 @@ class Whereabouts:
             goal = known[1] if known else None
             found.append(Teammate(name, where, goal, age, name in in_range))
         return tuple(found)
+
+    def sees_stranger(self, sense: Sense) -> bool:
+        """Whether a robot is in sight that is not where its last beacon and this map put it."""
+        pose = self.pose()
+        return any(self._is_astray(sense.tick, pose, seen) for seen in sense.sightings)
+
+    def _is_astray(self, tick: int, pose: Pose2, seen: Sighting) -> bool:
+        known = self._team.teammate_pose(seen.robot)
+        if known is None:
+            return True
+        driven_m = (tick - self._team.heard[seen.robot].tick) * self._stride_m
+        return known[0].distance_to(pose @ seen.place) > ASTRAY_M + driven_m
 
     def meeting_place(self, tick: int, seeking: bool) -> Pose2 | None:
         """Where to go to meet a teammate out of earshot, while this robot does (`seeking`) or if it

@@ -95,19 +95,23 @@ class Gossip:
         del peer.pieces[part.name]
         return [decode_record(b"".join(pieces[number] for number in range(part.of)))]
 
-    def speak(self, tick: int, spent_bytes: int = 0) -> list[RadioFrame]:
+    def speak(self, tick: int, spent_bytes: int = 0, at_once: bool = False) -> list[RadioFrame]:
         """Frames for everyone in range, within what the link carries in one tick.
 
-        `spent_bytes` go to each of them this tick already.
+        `spent_bytes` go to each of them this tick already. With `at_once` nothing waits for what
+        could share a frame with it.
         """
         frames: list[RadioFrame] = []
+        at_once = at_once or tick % SPEAK_EVERY_TICKS == 0
         for name in self.in_range(tick):
-            chosen = self._choose(name, tick, self._bytes_per_tick - spent_bytes)
-            frames += pack(name, chosen)
+            frames += pack(
+                name, self._choose(name, tick, self._bytes_per_tick - spent_bytes, at_once)
+            )
         return frames
 
-    def _choose(self, receiver: str, tick: int, budget: int) -> list[Named]:
-        """What to send: own entries first, then those of others, oldest first in each log."""
+    def _choose(self, receiver: str, tick: int, budget: int, at_once: bool) -> list[Named]:
+        """What to send: own entries first, then those of others, oldest first in each log. What
+        fills the link goes at once anyway."""
         peer = self.peers[receiver]
         wanted = [
             name
@@ -122,7 +126,7 @@ class Gossip:
             if budget < 0:
                 break
             chosen.append((name, body))
-        if tick % SPEAK_EVERY_TICKS and budget >= 0:
+        if not at_once and budget >= 0:
             return []
         peer.sent.update((name, tick) for name, _ in chosen)
         return chosen

@@ -63,6 +63,11 @@ class JointGraph:
         """What a log says, or None where nothing of it is held."""
         return self._logs.get(name)
 
+    def has_anchor(self, name: LogName, index: int) -> bool:
+        """Whether an anchor of a log has come: links to it may come before."""
+        log = self._logs.get(name)
+        return log is not None and index < len(log.anchors)
+
     def logs(self) -> list[LogName]:
         return sorted(self._logs)
 
@@ -125,8 +130,7 @@ class JointGraph:
         there = [
             number
             for number in counted
-            if (other := log.links[number].log) in bases
-            and log.links[number].to < len(self._logs[other].anchors)
+            if (link := log.links[number]).log in bases and self.has_anchor(link.log, link.to)
         ]
         ties = log.ties.values[there]
         to = np.array([bases[log.links[number].log] for number in there], dtype=np.int32)

@@ -25,7 +25,7 @@ from robot.team.journal import LogName
 REMEMBERED_TICKS = 30
 # Sightings right after one another err the same way; but the first two, which it takes, are worth
 # having of a glimpse too.
-EVERY_TICKS, HASTY_TICKS = 15, 3
+EVERY_TICKS, HASTY_TICKS = 15, 1
 # Enough for one pair.
 MOST = 12
 # What the poses of both in their anchors' frames err by, besides what they say.
@@ -99,11 +99,8 @@ class Meetings:
 
 def relative_pose(seen: Sighting, back: Sighting) -> Pose2:
     """The pose of a robot from where it is seen, and where it sees the one that sees it."""
-    return Pose2(
-        seen.range_m * math.cos(seen.bearing_rad),
-        seen.range_m * math.sin(seen.bearing_rad),
-        wrap_angle(seen.bearing_rad + math.pi - back.bearing_rad),
-    )
+    turn = wrap_angle(seen.bearing_rad + math.pi - back.bearing_rad)
+    return seen.place @ Pose2(0.0, 0.0, turn)
 
 
 def _of(sightings: Sequence[Sighting], robot: str) -> Sighting | None:

@@ -12,15 +12,18 @@ from protocol.pose import IDENTITY, FloatArray, Pose2, compose
 from robot.jobs import Jobs
 from robot.perception.returns import noise_model
 from robot.team.alignment import align, join, judge
+from robot.team.entries import Link
 from robot.team.evidence import Kind
-from robot.team.joint import JointGraph, Solution, solve
+from robot.team.joint import JointGraph, Solution, anchor_pose, solve
 from robot.team.journal import LogName
 from robot.team.pair_judge import KNOWN, PairView, State
 
 SOLVE, SOLVE_EVERY_TICKS, SOLVE_DELAY_TICKS = "joint", 20, 5
 JUDGE, JUDGE_EVERY_TICKS, JUDGE_DELAY_TICKS = "judge", 50, 10
-# While a robot has been met that is not placed yet: they may part again soon.
+# While a robot has been met that is not placed yet, or elsewhere: they may part again soon.
 MET_EVERY_TICKS = 10
+# A sighting misses by less, unless one of the two lies elsewhere.
+STRANGE_M = 1.0
 # Maps that have grown by this share are laid over each other again.
 GROWTH = 0.2
 # The frame in which robots were told where they start.
@@ -105,19 +108,31 @@ class Standing:
         return tick % MET_EVERY_TICKS == 0 and self._has_met_a_stranger(graph)
 
     def _has_met_a_stranger(self, graph: JointGraph) -> bool:
-        """Whether one who is placed here and one who is not have seen each other."""
-        placed = {self._own, *self.solution}
+        """Whether two have seen each other of whom one is not placed here, or elsewhere."""
         return any(
-            link.evidence.kind is Kind.SIGHTING and (name in placed) != (link.log in placed)
+            link.evidence.kind is Kind.SIGHTING and self._is_strange(graph, name, link)
             for name in graph.logs()
             if (log := graph.log(name)) is not None
             for link in log.links
         )
 
+    def _is_strange(self, graph: JointGraph, holder: LogName, link: Link) -> bool:
+        one = anchor_pose(graph.log(holder), self.solution.get(holder), link.of)
+        other = anchor_pose(graph.log(link.log), self.solution.get(link.log), link.to)
+        if one is None or other is None:
+            placed = {self._own, *self.solution}
+            return (holder in placed) != (link.log in placed)
+        return other.distance_to(one @ link.T_of_to) > STRANGE_M
+
     def _is_due(self, graph: JointGraph) -> bool:
         """Whether there is new evidence, or enough new map to test the old by."""
         logs = [log for name in graph.logs() if (log := graph.log(name)) is not None]
-        matches = sum(link.evidence.kind is not Kind.NEAR for log in logs for link in log.links)
+        # A match whose other anchor is yet to come says nothing before that.
+        matches = sum(
+            link.evidence.kind is not Kind.NEAR and graph.has_anchor(link.log, link.to)
+            for log in logs
+            for link in log.links
+        )
         keyframes = sum(len(log.keyframes) for log in logs)
         seen_matches, seen_keyframes = self._judged
         if matches == 0 or (

@@ -23,13 +23,15 @@ from robot.team.standing import Standing
 
 BEACON_EVERY_TICKS = 20
 # While a robot is seen whose map does not fit yet: beacons tell how it stands, and it may be gone
-# in a second.
+# the tick after next, so the first ones go out at once.
 MEETING_TICKS = 3
+GLIMPSE_BEACONS = 6
 
 
 @dataclass(frozen=True, slots=True)
 class LiveState:
-    """What a beacon says of the robot itself, relative to its own anchor `anchor`."""
+    """What a beacon says of the robot itself, relative to its own anchor `anchor`; `meeting`: it
+    sees a robot that is not where it takes it to be."""
 
     anchor: int
     T_anchor_base: Pose2
@@ -37,6 +39,7 @@ class LiveState:
     T_anchor_goal: Pose2 | None
     finished: bool
     sightings: tuple[Sighting, ...] = ()
+    meeting: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +69,7 @@ class Team:
         self._contexts: dict[LogName, LogContext] = {}
         self._records: list[bytes] = []
         self._beaconed = -MEETING_TICKS
+        self._hasty = 0  # beacons since a stranger came in sight
         self.write_hello(Hello.of(config))
 
     # -- what this robot learns by itself
@@ -166,14 +170,22 @@ class Team:
         self._meetings.remember(tick, live.anchor, live.T_anchor_base, live.sightings)
         frames: list[RadioFrame] = []
         spent = 0
-        meeting = any(not self._is_placed(seen.robot) for seen in live.sightings)
-        hasty = meeting and tick - self._beaconed >= MEETING_TICKS
+        hasty = self._is_hasty(tick, live.meeting)
         if hasty or tick % BEACON_EVERY_TICKS == 0:
             self._beaconed = tick
             payload = encode_beacon(self._beacon(tick, live))
             frames.append(RadioFrame(kind=BEACON, payload=payload))
             spent = len(payload) + FRAME_OVERHEAD_BYTES
-        return frames + self.gossip.speak(tick, spent)
+        return frames + self.gossip.speak(tick, spent, hasty)
+
+    def _is_hasty(self, tick: int, meeting: bool) -> bool:
+        """Whether to speak now, since a stranger may be gone soon."""
+        if not meeting:
+            self._hasty = 0
+            return False
+        due = self._hasty < GLIMPSE_BEACONS or tick - self._beaconed >= MEETING_TICKS
+        self._hasty += due
+        return due
 
     def _beacon(self, tick: int, live: LiveState) -> Beacon:
         return Beacon(
@@ -213,10 +225,6 @@ class Team:
     def solve(self, tick: int) -> bool:
         """Keep alignment and joint solution up to date, by jobs; True when a new one landed."""
         return self.standing.step(tick, self._jobs, self.graph)
-
-    def _is_placed(self, robot: str) -> bool:
-        """Whether the map of a robot shares this one's frame."""
-        return any(log.robot == robot for log in self.solution)
 
     def teammate_pose(self, name: str) -> tuple[Pose2, Pose2 | None] | None:
         """Pose and goal of a teammate by its last beacon, in this robot's frame, if known."""

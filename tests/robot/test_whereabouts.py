@@ -3,13 +3,13 @@
 import numpy as np
 
 from protocol.config import PoseModel, RobotConfig
-from protocol.messages import HeardFrame, Sense
+from protocol.messages import HeardFrame, Sense, Sighting
 from protocol.pose import IDENTITY, Pose2
 from robot.jobs import Jobs
 from robot.slam.engine import Anchor, Engine, Estimate
 from robot.slam.engines import make_engine
 from robot.team.team import LiveState, Team
-from robot.whereabouts import SEEK_TICKS, Whereabouts
+from robot.whereabouts import ASTRAY_M, SEEK_TICKS, Whereabouts
 
 NAMES = ("r1", "r2", "r3")
 STARTS = {"r1": Pose2(0.0, 0.0, 0.0), "r2": Pose2(4.0, 0.0, 0.0), "r3": Pose2(8.0, 0.0, 0.0)}
@@ -21,7 +21,7 @@ def _robot(name: str) -> tuple[Team, Whereabouts]:
     engine: Engine = make_engine("dead-reckoning", config.lidar, config.body, STARTS[name], Jobs())
     team = Team(config, 0, Jobs())
     team.write([Anchor(0, STARTS[name], np.eye(3) * 1e6)])
-    return team, Whereabouts(STARTS[name], engine, team)
+    return team, Whereabouts(config, STARTS[name], engine, team)
 
 
 def _parted() -> dict[str, Whereabouts]:
@@ -71,3 +71,18 @@ def test_one_after_the_other_is_looked_for_and_nobody_for_ever() -> None:
     assert place is not None
     assert place.distance_to(STARTS["r2"]) < 1e-6
     assert where.meeting_place(second + SEEK_TICKS + 1, seeking=True) is None
+
+
+def test_a_stranger_is_who_is_not_where_the_map_puts_it() -> None:
+    where = _parted()["r1"]  # at the origin; r2 said it stood 4 m ahead
+    where.estimate = Estimate(STARTS["r1"], np.eye(3))
+
+    def sees_stranger(robot: str, range_m: float, tick: int) -> bool:
+        seen = Sighting(robot=robot, range_m=range_m, bearing_rad=0.0)
+        sense = Sense(tick=tick, stamp=0.1 * tick, encoders=(0, 0), sightings=(seen,))
+        return where.sees_stranger(sense)
+
+    assert not sees_stranger("r2", 4.0, LAST_HEARD)
+    assert sees_stranger("r2", 4.1 + ASTRAY_M, LAST_HEARD)
+    assert not sees_stranger("r2", 4.1 + ASTRAY_M, LAST_HEARD + 10)  # it may have driven there
+    assert sees_stranger("r4", 4.0, LAST_HEARD)  # never heard

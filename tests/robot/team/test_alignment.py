@@ -9,13 +9,14 @@ import pytest
 
 from protocol.config import LidarConfig
 from protocol.pose import FloatArray, Pose2
+from robot.jobs import Jobs
 from robot.perception.returns import noise_model
 from robot.perception.scan import perceive
 from robot.slam.engine import Anchor, Keyframe
 from robot.team.alignment import Alignment, align
 from robot.team.entries import Hello, Known, Link, decode_entry, encode_entry
 from robot.team.evidence import Evidence, Kind, weight_of
-from robot.team.hypothesis import MAX_HYPOTHESES, solve_alone
+from robot.team.hypothesis import MAX_HYPOTHESES, MIN_SIGHTINGS, solve_alone
 from robot.team.joint import JointGraph, solve
 from robot.team.journal import LogName
 from robot.team.near_matches import near_matches
@@ -23,6 +24,7 @@ from robot.team.pair_judge import State
 from robot.team.place import chained_poses, make_place, stretches
 from robot.team.place_match import find_place, match_from
 from robot.team.place_search import SearchGround, rotations
+from robot.team.standing import Standing
 from world.lidar import Lidars
 from world.noise import Noise
 from world.scenario import RobotSpec, Scenario
@@ -315,3 +317,31 @@ def test_rotations_hold_the_right_one_and_its_opposite() -> None:
         tried = rotations(a / np.linalg.norm(a), b / np.linalg.norm(b)).tolist()
         assert {turn % 360, (turn + 180) % 360} <= set(tried)
         assert len(set(tried)) == len(tried)
+
+
+def test_a_match_counts_once_the_anchor_that_it_names_is_there(recorded: Recorded) -> None:
+    whole = graph_of(recorded)
+    there = Pose2.from_array(solve_alone(whole, TWO).anchors[-1])
+    graph, late = JointGraph(), recorded.logs[TWO]
+    last = max(k for k, entry in enumerate(late) if isinstance(entry, Anchor))
+    for name, entries in ((ONE, recorded.logs[ONE]), (TWO, late[:last])):
+        for entry in entries:
+            assert graph.add(name, entry)
+    anchor = late[last]
+    assert isinstance(anchor, Anchor)
+    evidence, information = Evidence(Kind.SIGHTING), np.diag([1e3, 1e3, 1e4])
+    link = Link(0, TWO, anchor.index, recorded.T_one_two @ there, information, evidence)
+    for _ in range(MIN_SIGHTINGS):
+        assert graph.add(ONE, link)
+    standing, jobs = Standing(ONE, None, LidarConfig()), Jobs()
+    for tick in range(200):
+        standing.note_entry()
+        standing.step(tick, jobs, graph)
+    assert not standing.pairs
+    for entry in late[last:]:
+        assert graph.add(TWO, entry)
+    for tick in range(200, 300):
+        standing.note_entry()
+        standing.step(tick, jobs, graph)
+    assert [view.state for view in standing.pairs] == [State.ALIGNED]
+    assert TWO in standing.solution

@@ -10,9 +10,10 @@ from protocol.messages import HeardFrame, RadioFrame
 from protocol.pose import IDENTITY, Pose2
 from robot.jobs import Jobs
 from robot.slam.engine import Anchor, Closure, Entry, Keyframe
+from robot.team.beacon import BEACON
 from robot.team.journal import EntryName, Journal, LogName
 from robot.team.parcels import ENTRIES, unpack_entries
-from robot.team.team import LiveState, Team
+from robot.team.team import GLIMPSE_BEACONS, MEETING_TICKS, LiveState, Team
 
 TEAM = ("r1", "r2", "r3", "r4")
 LIVE = LiveState(0, IDENTITY, np.eye(3) * 1e-4, None, False)
@@ -276,3 +277,17 @@ def test_who_had_finished_and_knows_everything_is_not_looked_for() -> None:
     teams["r1"].write(knowledge("r1", 3))
     assert teams["r1"].untold(300) == ("r2",)
     assert teams["r2"].untold(300) == ()
+
+
+def test_who_meets_a_stranger_speaks_at_once_and_then_less_often() -> None:
+    teams = {name: make_team(name) for name in ("r1", "r2")}
+    exchange(teams, range(22), {frozenset(("r1", "r2"))})
+    one = teams["r1"]
+    one.write(knowledge("r1", 3))
+    assert one.speak(23, LIVE) == []  # what is new waits for more
+    spoken = {tick: one.speak(tick, replace(LIVE, meeting=True)) for tick in range(24, 36)}
+    assert [frame.kind for frame in spoken[24]] == [BEACON, ENTRIES]
+    beacons = [tick - 24 for tick, frames in spoken.items() if frames]
+    assert beacons == [*range(GLIMPSE_BEACONS), *range(GLIMPSE_BEACONS + MEETING_TICKS - 1, 12, 3)]
+    assert one.speak(37, LIVE) == []
+    assert one.speak(38, replace(LIVE, meeting=True))
