@@ -165,17 +165,24 @@ class CorrelationField:
         walls = self.is_wall(points)
         return float(walls.sum() / max(1, (walls | self.passed(points)).sum()))
 
-    def faced(self, points: FloatArray, normals: FloatArray) -> float:
-        """Of n×2 points (m) of surfaces with normals (n×2, field frame) towards who saw them, the
-        share of those on walls that this field knows from the same side; 1 if none is on a wall.
+    def is_behind(self, points: FloatArray, normals: FloatArray) -> BoolArray:
+        """Which of n×2 points (m) of surfaces with normals (n×2, field frame) towards who saw them
+        lie on walls that this field knows from the other side alone.
 
-        A wall that was seen from the other side lies there too, by as much off as it is thick.
+        The two sides of a wall lie as far apart as it is thick, so what matches is off by that.
         """
+        behind: BoolArray = (np.abs(normals).sum(axis=1) > 0.0) & self.is_wall(points)
+        behind[behind] = ~self.passed(points[behind] + FRONT_M * normals[behind])
+        return behind
+
+    def faced(self, points: FloatArray, normals: FloatArray, least: int = 1) -> float:
+        """Of such points with a normal the share of those on walls that are not behind; 1 if fewer
+        than `least` are on walls, which says nothing."""
         lined = np.abs(normals).sum(axis=1) > 0.0
-        points, normals = points[lined], normals[lined]
-        walls = self.is_wall(points)
-        front = points[walls] + FRONT_M * normals[walls]
-        return float(self.passed(front).mean()) if len(front) else 1.0
+        on_walls = self.on_walls(points[lined])
+        if on_walls < least:
+            return 1.0
+        return 1.0 - float(self.is_behind(points, normals).sum()) / on_walls
 
     def cropped(self) -> "CorrelationField":
         """The same field without the empty margin, in arrays of its own."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from protocol.pose import IDENTITY, FloatArray, Pose2
 from robot.perception.field import CorrelationField, Overlay
-from robot.perception.matching import match_returns
+from robot.perception.matching import match_facing
 from robot.perception.returns import Returns, describe_returns
 from robot.perception.scan import LaserScan
 from robot.team.joint import keyframe_poses
@@ -112,7 +112,7 @@ def _apart(poses: FloatArray) -> list[int]:
 def closest(a: LogMap, b: LogMap) -> Pose2:
     """The shift `T_a_b` of a whole map that makes it lie best on another, near to where both are:
     what a hypothesis errs by that rests on one match at one end of them."""
-    shift = match_returns(a.field, b.walls, IDENTITY).T_field_base
+    shift = match_facing(a.field, b.walls, IDENTITY).T_field_base
     near = math.hypot(shift.x, shift.y) <= MAX_SHIFT_M and abs(shift.theta) <= MAX_TURN_RAD
     return shift if near else IDENTITY
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from enum import Enum
 
 from protocol.pose import FloatArray, Pose2
-from robot.team.demands import CLEAR, COUPLE, FEW, MANY, MIN_FACED
+from robot.team.demands import CLEAR, FEW, MANY, MIN_FACED, demands_on
 from robot.team.evidence import Kind
 from robot.team.hypothesis import MIN_SIGHTINGS, Hypothesis, LoneLogs, hypotheses
 from robot.team.joint import JointGraph, LinkName
@@ -164,7 +164,7 @@ class PairJudge:
         overlap = laid.overlap
         sighted = best.sightings >= MIN_SIGHTINGS
         rival = _next_worth(best, others)
-        demands = next((one for one in (CLEAR, MANY, COUPLE) if one.are_met_by(best, rival)), FEW)
+        demands = demands_on(best, rival, overlap)
         many = demands in (CLEAR, MANY)
         # What few places say is too little to hold anything against the maps.
         unlike = State.CONTRADICTORY if many or sighted else State.TENTATIVE

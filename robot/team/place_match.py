@@ -11,7 +11,7 @@ import numpy as np
 
 from protocol.pose import FloatArray, Pose2, wrap_angle
 from robot.perception.field import CorrelationField, Overlay
-from robot.perception.matching import Match, match_returns
+from robot.perception.matching import Match, match_facing
 from robot.perception.search import SAME_PEAK_M, SAME_PEAK_RAD
 from robot.slam.gaussian import invert_spd
 from robot.team.evidence import Evidence, Kind, weight_of
@@ -33,8 +33,10 @@ UNKNOWN = np.eye(3)
 # What it takes to be worth telling the team.
 MIN_SCORE, MIN_OVERLAP, MIN_HITS, MAX_CROSSING = 0.2, 0.25, 0.75, 0.08
 # Of a place that is looked for most has to be seen from the same side; of what it is looked for in,
-# whose surroundings may be larger, half.
-MIN_FACED, MIN_FACED_BACK = 0.8, 0.5
+# whose surroundings may be larger, half. So few points on walls (5 m) say nothing: what is looked
+# for may lie in these surroundings alone.
+MIN_FACED, MIN_FACED_BACK = 0.7, 0.5
+MIN_FACING = 60
 
 
 @dataclass(frozen=True, slots=True)
@@ -126,7 +128,7 @@ def _climb(
 ) -> tuple[Match, Overlay]:
     """Place b matched on what was drawn of a, and both ways laid over each other; `fold` says which
     of the overlaps counts."""
-    match = match_returns(on, b.surfaces, guess)
+    match = match_facing(on, b.surfaces, guess)
     T_a_b = match.T_field_base
     on_a, on_b = _lay_over(on, b, T_a_b), _lay_over(onto, a, T_a_b.inverse())
     laid = Overlay(
@@ -149,7 +151,8 @@ def _faced(a: CorrelationField, b: Place, T_a_b: Pose2) -> float:
     """The share of place b's surfaces on walls of a that both know from the same side."""
     turn = Pose2(0.0, 0.0, T_a_b.theta)
     surfaces = b.surfaces
-    return a.faced(T_a_b.apply(surfaces.points.copy()), turn.apply(surfaces.values[:, 2:4].copy()))
+    normals = turn.apply(surfaces.values[:, 2:4].copy())
+    return a.faced(T_a_b.apply(surfaces.points.copy()), normals, MIN_FACING)
 
 
 def _lay_over(a: CorrelationField, b: Place, T_a_b: Pose2) -> Overlay:

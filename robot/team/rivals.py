@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from protocol.pose import Pose2, wrap_angle
-from robot.team.demands import FEW
+from robot.team.demands import CLEAN, FEW
 from robot.team.hypothesis import Hypothesis
 from robot.team.log_map import Overlap
 
@@ -59,6 +59,8 @@ class Laid:
         if _is_near(self.hypothesis, best.hypothesis):
             worse = max(least + RIVAL_CROSSING, RIVAL_FACTOR * least)
             return ours.crossing <= min(worse, MAX_RIVAL_CROSSING)
+        if CLEAN.suit(ours):
+            return True
         shared = ours.walls_m >= min(FEW.walls_m, RIVAL_WALLS * best.overlap.walls_m)
         return shared and ours.crossing <= FEW.crossing and ours.hits >= RIVAL_HITS
 

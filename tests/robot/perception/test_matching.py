@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from protocol.config import LidarConfig
 from protocol.pose import IDENTITY, Pose2
 from robot.perception.field import RESOLUTION_M, CorrelationField
-from robot.perception.matching import match_returns
+from robot.perception.matching import match_facing, match_returns
 from robot.perception.returns import Returns, describe_returns, noise_model
 from robot.perception.scan import LaserScan, beam_angles
 from robot.perception.search import Blocks, Pyramid, Window, rotations, search
@@ -239,3 +239,36 @@ def test_nothing_to_find_is_none(room: Any) -> None:
     assert search(empty, returns, Window(IDENTITY, 1.0, 1.0), 0.3) is None
     nothing = Returns(np.empty((0, 6)), np.empty(0, dtype=np.int64))
     assert search(empty, nothing, Window(IDENTITY, 1.0, 1.0), 0.3) is None
+
+
+def wall(start: tuple[float, float], end: tuple[float, float], normal: tuple[float, float]) -> Any:
+    """Surfaces (n×6) 5 cm apart."""
+    count = round(math.dist(start, end) / 0.05)
+    ends = np.array([start, end])
+    points = ends[0] + np.linspace(0.0, 1.0, count)[:, None] * (ends[1] - ends[0])
+    rest = np.broadcast_to([*normal, 1.0, 0.0], (count, 4))
+    return np.ascontiguousarray(np.concatenate([points, rest], axis=1))
+
+
+def test_the_two_sides_of_a_wall_do_not_draw_a_match() -> None:
+    """One robot saw a room, another through its door no more than the end of it, and a partition
+    6 cm thick from behind."""
+
+    def surfaces(*walls: Any) -> Returns:
+        values = np.concatenate(walls)
+        return Returns(values, np.zeros(len(values), dtype=np.int64))
+
+    field, here = CorrelationField.around(8.0), Pose2(0.0, -2.0, 0.0)
+    partition = wall((-3.0, 2.0), (3.0, 2.0), (0.0, -1.0))  # as seen from here
+    sides = [wall((x, -2.0), (x, 2.0), (-np.sign(x), 0.0)) for x in (-3.0, 3.0)]
+    end = wall((-3.0, -2.0), (3.0, -2.0), (0.0, 1.0))
+    field.draw(here, surfaces(partition, *sides, end))
+    behind = wall((-3.0, 0.06), (3.0, 0.06), (0.0, 1.0))
+    through_the_door = wall((-0.5, -4.0), (0.5, -4.0), (0.0, 1.0))
+    jambs = [wall((x, -4.0), (x, -3.0), (-np.sign(x), 0.0)) for x in (-3.0, 3.0)]
+    seen = surfaces(behind, through_the_door, *jambs)
+    assert match_returns(field, seen, IDENTITY).T_field_base.y < -0.03
+    facing = match_facing(field, seen, IDENTITY)
+    assert abs(facing.T_field_base.y) < 0.003 and facing.score > 0.8
+    assert field.faced(seen.points, seen.values[:, 2:4]) < 0.7
+    assert field.faced(seen.points, seen.values[:, 2:4], least=len(seen) + 1) == 1.0

@@ -11,12 +11,13 @@ from protocol.pose import IDENTITY, FloatArray, Pose2
 from robot.perception.returns import noise_model
 from robot.perception.scan import perceive
 from robot.slam.engine import Anchor, Keyframe
+from robot.team.demands import CLEAN, CLEAR, FEW, demands_on
 from robot.team.entries import Hello, decode_entry, encode_entry
 from robot.team.hypothesis import Hypothesis
 from robot.team.joint import JointGraph
 from robot.team.journal import LogName
-from robot.team.log_map import LogMap, choose_scans, draw_log, lay_over
-from robot.team.rivals import Laid, cleanest
+from robot.team.log_map import LogMap, Overlap, choose_scans, draw_log, lay_over
+from robot.team.rivals import Laid, cleanest, may_be_rival
 from world.lidar import Lidars
 from world.noise import Noise
 from world.terrain import Terrain
@@ -105,3 +106,27 @@ def test_walls_rather_than_worth_say_which_is_right(hall: tuple[LogMap, LogMap])
     assert cleanest([wrong, right]) is right
     assert wrong.is_refuted(right) and not right.is_refuted(wrong)
     assert cleanest([wrong]) is None and cleanest([]) is None
+
+
+def overlap(walls_m: float, hits: float = 0.9, gone_m: float = 0.2) -> Overlap:
+    return Overlap(0.2, hits, 0.002, walls_m, 0.002, 0.9, gone_m)
+
+
+def test_another_alignment_by_which_little_is_shared_but_nothing_is_wrong_leaves_it_open() -> None:
+    """As of two robots in two equal halves of a building, which share nothing but the middle."""
+    halves = Laid(Hypothesis((), 9.0, 9, 0, 0.3, {}), overlap(150.0, hits=0.99), IDENTITY)
+    middle = Laid(Hypothesis((), 0.7, 1, 0, 1.0, {}), overlap(22.0), NEXT_ROOM)
+    assert may_be_rival(middle.hypothesis, halves.hypothesis)
+    assert middle.rivals(halves)
+    for other in (overlap(15.0), overlap(22.0, hits=0.8), overlap(22.0, gone_m=2.0)):
+        assert not replace(middle, overlap=other).rivals(halves)
+
+
+def test_of_maps_that_disagree_in_nothing_little_wall_is_enough() -> None:
+    one = Hypothesis((), 0.9, 1, 0, 0.7, {})
+    assert demands_on(one, 0.0, overlap(22.0)) is CLEAN
+    assert demands_on(one, 0.0, overlap(22.0, gone_m=2.0)) is FEW
+    assert demands_on(one, 0.0, overlap(15.0)) is FEW
+    assert not CLEAN.are_met_by(one, rival=0.7)
+    assert not CLEAN.are_met_by(replace(one, ambiguity=0.95), rival=0.0)
+    assert demands_on(replace(one, places=3, worth=2.0), 0.0, overlap(40.0)) is CLEAR
