@@ -59,10 +59,14 @@ class Laid:
         if _is_near(self.hypothesis, best.hypothesis):
             worse = max(least + RIVAL_CROSSING, RIVAL_FACTOR * least)
             return ours.crossing <= min(worse, MAX_RIVAL_CROSSING)
-        if CLEAN.suit(ours):
+        if self._agrees(CLEAN.walls_m, CLEAN.hits, CLEAN.crossing):
             return True
-        shared = ours.walls_m >= min(FEW.walls_m, RIVAL_WALLS * best.overlap.walls_m)
-        return shared and ours.crossing <= FEW.crossing and ours.hits >= RIVAL_HITS
+        shared_m = min(FEW.walls_m, RIVAL_WALLS * best.overlap.walls_m)
+        return self._agrees(shared_m, RIVAL_HITS, FEW.crossing)
+
+    def _agrees(self, walls_m: float, hits: float, crossing: float) -> bool:
+        ours = self.overlap
+        return ours.walls_m >= walls_m and ours.hits >= hits and ours.crossing <= crossing
 
     def is_refuted(self, best: "Laid") -> bool:
         """Whether far more wall must be gone by this than by the best, which shares as much."""
