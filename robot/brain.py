@@ -181,7 +181,7 @@ class Brain:
             None if T_base_goal is None else T_anchor_base @ T_base_goal,
             decision.finished,
             sense.sightings,
-            self._where.sees_stranger(sense),
+            self._where.sees_stranger(sense, T_team_base),
         )
         frames = tuple(self._team.speak(sense.tick, live))
         self._counts["frames_sent"] += len(frames)

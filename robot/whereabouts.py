@@ -8,11 +8,9 @@ from protocol.pose import IDENTITY, Pose2
 from robot.explore.policy import Teammate
 from robot.slam.engine import Engine, Estimate
 from robot.team.joint import Solution, anchor_pose, anchor_poses
+from robot.team.standing import STRANGE_M
 from robot.team.team import Team
 
-# Of a robot in sight this far from where its last beacon puts it the map does not fit, unless it
-# drove there.
-ASTRAY_M = 1.0
 FRESH_TICKS = 60  # a beacon older than this says nothing of where a teammate is
 # So long a robot gets to a meeting place and waits there, once for each time it lost a teammate.
 SEEK_TICKS = 1200
@@ -84,9 +82,9 @@ class Whereabouts:
             found.append(Teammate(name, where, goal, age, name in in_range))
         return tuple(found)
 
-    def sees_stranger(self, sense: Sense) -> bool:
-        """Whether a robot is in sight that is not where its last beacon and this map put it."""
-        pose = self.pose()
+    def sees_stranger(self, sense: Sense, pose: Pose2) -> bool:
+        """Whether a robot is in sight from `pose` that is not where its last beacon and this map
+        put it."""
         return any(self._is_astray(sense.tick, pose, seen) for seen in sense.sightings)
 
     def _is_astray(self, tick: int, pose: Pose2, seen: Sighting) -> bool:
@@ -94,7 +92,7 @@ class Whereabouts:
         if known is None:
             return True
         driven_m = (tick - self._team.heard[seen.robot].tick) * self._stride_m
-        return known[0].distance_to(pose @ seen.place) > ASTRAY_M + driven_m
+        return known[0].distance_to(pose @ seen.place) > STRANGE_M + driven_m
 
     def meeting_place(self, tick: int, seeking: bool) -> Pose2 | None:
         """Where to go to meet a teammate out of earshot, while this robot does (`seeking`) or if it

@@ -165,24 +165,29 @@ class CorrelationField:
         walls = self.is_wall(points)
         return float(walls.sum() / max(1, (walls | self.passed(points)).sum()))
 
-    def is_behind(self, points: FloatArray, normals: FloatArray) -> BoolArray:
-        """Which of n×2 points (m) of surfaces with normals (n×2, field frame) towards who saw them
-        lie on walls that this field knows from the other side alone.
+    def is_behind(self, pose: Pose2, returns: Returns) -> BoolArray:
+        """Which of the returns (n), with normals towards who saw them, lie at `pose`
+        (`T_field_base`) on walls that this field knows from the other side alone.
 
         The two sides of a wall lie as far apart as it is thick, so what matches is off by that.
         """
-        behind: BoolArray = (np.abs(normals).sum(axis=1) > 0.0) & self.is_wall(points)
-        behind[behind] = ~self.passed(points[behind] + FRONT_M * normals[behind])
-        return behind
+        return self._sides(pose, returns)[1]
 
-    def faced(self, points: FloatArray, normals: FloatArray, least: int = 1) -> float:
-        """Of such points with a normal the share of those on walls that are not behind; 1 if fewer
+    def faced(self, pose: Pose2, returns: Returns, least: int = 1) -> float:
+        """Of such returns with a normal the share of those on walls that are not behind; 1 if fewer
         than `least` are on walls, which says nothing."""
-        lined = np.abs(normals).sum(axis=1) > 0.0
-        on_walls = self.on_walls(points[lined])
-        if on_walls < least:
-            return 1.0
-        return 1.0 - float(self.is_behind(points, normals).sum()) / on_walls
+        walls, behind = self._sides(pose, returns)
+        count = int(walls.sum())
+        return 1.0 - float(behind.sum()) / count if count >= least else 1.0
+
+    def _sides(self, pose: Pose2, returns: Returns) -> tuple[BoolArray, BoolArray]:
+        """Which of the returns have a normal and lie on walls, and which of these are behind."""
+        points = pose.apply(returns.points.copy())
+        normals = Pose2(0.0, 0.0, pose.theta).apply(returns.values[:, 2:4].copy())
+        walls: BoolArray = (np.abs(normals).sum(axis=1) > 0.0) & self.is_wall(points)
+        behind = walls.copy()
+        behind[walls] = ~self.passed(points[walls] + FRONT_M * normals[walls])
+        return walls, behind
 
     def cropped(self) -> "CorrelationField":
         """The same field without the empty margin, in arrays of its own."""

@@ -95,11 +95,9 @@ def match_facing(field: CorrelationField, returns: Returns, start: Pose2) -> Mat
     Normals are to face who saw the surfaces.
     """
     match = match_returns(field, returns, start)
-    T_field_base = match.T_field_base
-    normals = Pose2(0.0, 0.0, T_field_base.theta).apply(returns.values[:, 2:4].copy())
-    behind = field.is_behind(T_field_base.apply(returns.points.copy()), normals)
+    behind = field.is_behind(match.T_field_base, returns)
     if behind.sum() < MIN_BEHIND * len(returns):
         return match
     facing = np.ascontiguousarray(returns.values[~behind])
     links = np.zeros(len(facing), dtype=np.int64)
-    return match_returns(field, Returns(facing, links), T_field_base)
+    return match_returns(field, Returns(facing, links), match.T_field_base)

@@ -104,9 +104,8 @@ class Gossip:
         frames: list[RadioFrame] = []
         at_once = at_once or tick % SPEAK_EVERY_TICKS == 0
         for name in self.in_range(tick):
-            frames += pack(
-                name, self._choose(name, tick, self._bytes_per_tick - spent_bytes, at_once)
-            )
+            chosen = self._choose(name, tick, self._bytes_per_tick - spent_bytes, at_once)
+            frames += pack(name, chosen)
         return frames
 
     def _choose(self, receiver: str, tick: int, budget: int, at_once: bool) -> list[Named]:

@@ -138,8 +138,7 @@ def _one_way(a: LogMap, b: LogMap, T_a_b: Pose2) -> tuple[Overlay, float, float]
         total += a.field.compare(T_a_b @ Pose2.from_array(pose), scan)
         weight += float(scan.values[:, 4].sum())
     walls = T_a_b.apply(b.walls.points.copy())
-    normals = Pose2(0.0, 0.0, T_a_b.theta).apply(b.walls.values[:, 2:4].copy())
-    faced = a.field.faced(walls, normals)
+    faced = a.field.faced(T_a_b, b.walls)
     return Overlay.of(total, weight), WALL_SPACING_M * a.field.on_walls(walls), faced
 
 

@@ -19,13 +19,14 @@ from robot.slam.gaussian import carry, invert_spd
 from robot.team.beacon import Beacon
 from robot.team.entries import Link
 from robot.team.evidence import Evidence, Kind
+from robot.team.hypothesis import MIN_SIGHTINGS
 from robot.team.journal import LogName
 
 # Beacons come a few ticks late.
 REMEMBERED_TICKS = 30
-# Sightings right after one another err the same way; but the first two, which it takes, are worth
-# having of a glimpse too.
-EVERY_TICKS, HASTY_TICKS = 15, 1
+# Sightings right after one another err the same way; but those that it takes are worth having of a
+# glimpse too.
+EVERY_TICKS = 15
 # Enough for one pair.
 MOST = 12
 # What the poses of both in their anchors' frames err by, besides what they say.
@@ -65,7 +66,7 @@ class Meetings:
         """
         log = LogName(sender, beacon.incarnation)
         last_tick, count = self._last.get(log, (-EVERY_TICKS, 0))
-        least = EVERY_TICKS if count > 1 else HASTY_TICKS
+        least = EVERY_TICKS if count >= MIN_SIGHTINGS else 1
         if log < self._own or sent_tick - last_tick < least or count >= MOST:
             return None
         moment = next((m for m in self._moments if m.tick == sent_tick), None)

@@ -106,8 +106,8 @@ def match_from(
     drifted = replace(
         _place_match(match, laid, kind, ambiguity, DRIFTED_FLOOR),
         faced=(
-            _faced(a.surroundings, b, T_a_b),
-            _faced(b.surroundings, a, T_a_b.inverse()),
+            a.surroundings.faced(T_a_b, b.surfaces, MIN_FACING),
+            b.surroundings.faced(T_a_b.inverse(), a.surfaces, MIN_FACING),
         ),
     )
     if drifted.objection:
@@ -145,14 +145,6 @@ def _place_match(
     covariance = invert_spd(match.information / CORRELATED + UNKNOWN) + floor
     evidence = Evidence(kind, laid.overlap, laid.hits, laid.crossing, ambiguity)
     return PlaceMatch(match.T_field_base, invert_spd(covariance), match.score, evidence)
-
-
-def _faced(a: CorrelationField, b: Place, T_a_b: Pose2) -> float:
-    """The share of place b's surfaces on walls of a that both know from the same side."""
-    turn = Pose2(0.0, 0.0, T_a_b.theta)
-    surfaces = b.surfaces
-    normals = turn.apply(surfaces.values[:, 2:4].copy())
-    return a.faced(T_a_b.apply(surfaces.points.copy()), normals, MIN_FACING)
 
 
 def _lay_over(a: CorrelationField, b: Place, T_a_b: Pose2) -> Overlay:

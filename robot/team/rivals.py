@@ -10,7 +10,8 @@ from robot.team.log_map import Overlap
 # Another alignment that comes this near to the best in worth leaves it open which is right, unless
 # so many more rays cross walls by it than by the best; one of less worth does if the maps agree by
 # it as they would have to by few places, and over as much wall, or half of what they share by the
-# best: maps that hardly touch contradict nothing.
+# best: maps that hardly touch contradict nothing. Over less wall they must agree as clean ones do:
+# two equal halves share all by the wrong alignment, and the middle by the right one.
 RIVAL_WORTH = 0.6
 RIVAL_CROSSING, RIVAL_FACTOR, MAX_RIVAL_CROSSING = 0.01, 2.5, 0.08
 RIVAL_HITS, RIVAL_WALLS = 0.90, 0.5

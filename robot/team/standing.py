@@ -22,7 +22,7 @@ SOLVE, SOLVE_EVERY_TICKS, SOLVE_DELAY_TICKS = "joint", 20, 5
 JUDGE, JUDGE_EVERY_TICKS, JUDGE_DELAY_TICKS = "judge", 50, 10
 # While a robot has been met that is not placed yet, or elsewhere: they may part again soon.
 MET_EVERY_TICKS = 10
-# A sighting misses by less, unless one of the two lies elsewhere.
+# Who is seen is nearer than this to where both maps put it, unless one of the two lies elsewhere.
 STRANGE_M = 1.0
 # Maps that have grown by this share are laid over each other again.
 GROWTH = 0.2

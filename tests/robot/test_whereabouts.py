@@ -8,8 +8,9 @@ from protocol.pose import IDENTITY, Pose2
 from robot.jobs import Jobs
 from robot.slam.engine import Anchor, Engine, Estimate
 from robot.slam.engines import make_engine
+from robot.team.standing import STRANGE_M
 from robot.team.team import LiveState, Team
-from robot.whereabouts import ASTRAY_M, SEEK_TICKS, Whereabouts
+from robot.whereabouts import SEEK_TICKS, Whereabouts
 
 NAMES = ("r1", "r2", "r3")
 STARTS = {"r1": Pose2(0.0, 0.0, 0.0), "r2": Pose2(4.0, 0.0, 0.0), "r3": Pose2(8.0, 0.0, 0.0)}
@@ -80,9 +81,9 @@ def test_a_stranger_is_who_is_not_where_the_map_puts_it() -> None:
     def sees_stranger(robot: str, range_m: float, tick: int) -> bool:
         seen = Sighting(robot=robot, range_m=range_m, bearing_rad=0.0)
         sense = Sense(tick=tick, stamp=0.1 * tick, encoders=(0, 0), sightings=(seen,))
-        return where.sees_stranger(sense)
+        return where.sees_stranger(sense, where.pose())
 
     assert not sees_stranger("r2", 4.0, LAST_HEARD)
-    assert sees_stranger("r2", 4.1 + ASTRAY_M, LAST_HEARD)
-    assert not sees_stranger("r2", 4.1 + ASTRAY_M, LAST_HEARD + 10)  # it may have driven there
+    assert sees_stranger("r2", 4.1 + STRANGE_M, LAST_HEARD)
+    assert not sees_stranger("r2", 4.1 + STRANGE_M, LAST_HEARD + 10)  # it may have driven there
     assert sees_stranger("r4", 4.0, LAST_HEARD)  # never heard

@@ -270,5 +270,5 @@ def test_the_two_sides_of_a_wall_do_not_draw_a_match() -> None:
     assert match_returns(field, seen, IDENTITY).T_field_base.y < -0.03
     facing = match_facing(field, seen, IDENTITY)
     assert abs(facing.T_field_base.y) < 0.003 and facing.score > 0.8
-    assert field.faced(seen.points, seen.values[:, 2:4]) < 0.7
-    assert field.faced(seen.points, seen.values[:, 2:4], least=len(seen) + 1) == 1.0
+    assert field.faced(IDENTITY, seen) < 0.7
+    assert field.faced(IDENTITY, seen, least=len(seen) + 1) == 1.0

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from protocol.config import LidarConfig
-from protocol.pose import FloatArray, Pose2
+from protocol.pose import IDENTITY, FloatArray, Pose2
 from robot.jobs import Jobs
-from robot.perception.returns import noise_model
+from robot.perception.returns import Returns, noise_model
 from robot.perception.scan import perceive
 from robot.slam.engine import Anchor, Keyframe
 from robot.team.alignment import Alignment, align
@@ -294,9 +294,10 @@ def test_a_wall_is_not_known_from_its_other_side(recorded: Recorded) -> None:
     log = graph_of(recorded).log(ONE)
     assert log is not None
     place = make_place(log, stretches(log, whole=True)[0], NOISE)
-    points, normals = place.surfaces.points, place.surfaces.values[:, 2:4]
-    assert place.field.faced(points, normals) > 0.9
-    assert place.field.faced(points, -normals) < 0.3
+    surfaces = place.surfaces
+    from_behind = Returns(surfaces.values * [1.0, 1.0, -1.0, -1.0, 1.0, 1.0], surfaces.links)
+    assert place.field.faced(IDENTITY, surfaces) > 0.9
+    assert place.field.faced(IDENTITY, from_behind) < 0.3
 
 
 def test_places_do_not_change_when_the_log_grows(recorded: Recorded) -> None:
