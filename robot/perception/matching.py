@@ -98,6 +98,5 @@ def match_facing(field: CorrelationField, returns: Returns, start: Pose2) -> Mat
     behind = field.is_behind(match.T_field_base, returns)
     if behind.sum() < MIN_BEHIND * len(returns):
         return match
-    facing = np.ascontiguousarray(returns.values[~behind])
-    links = np.zeros(len(facing), dtype=np.int64)
-    return match_returns(field, Returns(facing, links), match.T_field_base)
+    facing = Returns.unlinked(returns.values[~behind])
+    return match_returns(field, facing, match.T_field_base)

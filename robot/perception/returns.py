@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from protocol.config import LidarConfig
-from protocol.pose import FloatArray
+from protocol.pose import FloatArray, Pose2
 from robot.perception import returns_kernels
 from robot.perception.scan import LaserScan
 
@@ -48,6 +48,18 @@ class Returns:
         beyond = returns_kernels.count_beyond(self.values, far_m / turned_rad)
         return bool(2 * beyond > len(self.values))
 
+    @staticmethod
+    def unlinked(values: FloatArray) -> "Returns":
+        """Points (n×6) of which none is known to lie on one surface with the next."""
+        return Returns(np.ascontiguousarray(values), np.zeros(len(values), dtype=np.int64))
+
+    def moved(self, T_to_here: Pose2) -> "Returns":
+        """The same in another frame."""
+        values = self.values.copy()
+        values[:, :2] = T_to_here.apply(values[:, :2])
+        values[:, 2:4] = Pose2(0.0, 0.0, T_to_here.theta).apply(values[:, 2:4])
+        return Returns(values, self.links)
+
     def facing(self) -> "Returns":
         """The same with normals towards the sensor."""
         values = self.values.copy()
@@ -59,7 +71,7 @@ class Returns:
         """At most `limit` of the returns, spread evenly over the weight, for a search."""
         values = np.empty((limit, 6))
         count = returns_kernels.thin(self.values, limit, values)
-        return Returns(values[:count], np.zeros(count, dtype=np.int64))
+        return Returns.unlinked(values[:count])
 
 
 def noise_model(lidar: LidarConfig) -> FloatArray:

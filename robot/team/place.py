@@ -149,7 +149,7 @@ def make_place(log: LogGraph, stretch: Stretch, noise: FloatArray) -> Place:
     _draw(surroundings, poses[:before], scans[:before])
     poses, scans = poses[before:], scans[before:]
     extent = float(np.abs(poses[:, :2]).max()) + REACH_M
-    surfaces = spread(_together(poses, scans, extent), MATCH_SPACING_M)
+    surfaces = spread(_within(together(poses, scans), extent), MATCH_SPACING_M)
     landmarks = spread(surfaces, SEARCH_SPACING_M)
     return Place(
         stretch.number,
@@ -178,17 +178,17 @@ def _context(log: LogGraph, stretch: Stretch) -> int:
     return max(first, stretch.first - 2 * MAX_KEYFRAMES, 0)
 
 
-def _together(poses: FloatArray, scans: tuple[Returns, ...], extent: float) -> Returns:
-    """All returns of the scans, in the frame of the place, normals towards who saw them."""
-    parts = []
-    for pose, scan in zip(poses, scans, strict=True):
-        values = scan.facing().values
-        values[:, :2] = Pose2.from_array(pose).apply(values[:, :2])
-        values[:, 2:4] = Pose2(0.0, 0.0, float(pose[2])).apply(values[:, 2:4])
-        parts.append(values)
-    values = np.concatenate(parts)
-    values = values[(np.abs(values[:, :2]) < extent).all(axis=1)]
-    return Returns(np.ascontiguousarray(values), np.zeros(len(values), dtype=np.int64))
+def together(poses: FloatArray, scans: tuple[Returns, ...]) -> Returns:
+    """All returns of scans at poses (k×3), in the frame of these, normals towards who saw them."""
+    placed = [
+        scan.facing().moved(Pose2.from_array(pose)).values
+        for pose, scan in zip(poses, scans, strict=True)
+    ]
+    return Returns.unlinked(np.concatenate(placed))
+
+
+def _within(returns: Returns, extent: float) -> Returns:
+    return Returns.unlinked(returns.values[(np.abs(returns.points) < extent).all(axis=1)])
 
 
 def spread(returns: Returns, spacing_m: float) -> Returns:
@@ -200,7 +200,7 @@ def spread(returns: Returns, spacing_m: float) -> Returns:
     _, chosen = np.unique(cells, axis=0, return_index=True)
     values = returns.values[np.sort(order[chosen])]
     values[:, 4] = 1.0
-    return Returns(np.ascontiguousarray(values), np.zeros(len(values), dtype=np.int64))
+    return Returns.unlinked(values)
 
 
 def _directions(returns: Returns) -> FloatArray:

@@ -86,7 +86,7 @@ def test_a_corridor_with_an_end_is_not_flagged() -> None:
 
 
 def test_too_few_returns_match_nothing() -> None:
-    nothing = Returns(np.empty((0, 6)), np.empty(0, dtype=np.int64))
+    nothing = Returns.unlinked(np.empty((0, 6)))
     guess = Pose2(1.0, 2.0, 0.5)
     match = match_pair(nothing, seen(ROOM, Pose2(0.0, 0.0, 0.0), 1), guess, NOISE)
     assert not match.converged

@@ -30,7 +30,7 @@ def test_a_wall_ahead_says_nothing_of_the_side() -> None:
     y = np.linspace(-1.0, 1.0, 21)
     values = np.zeros((21, 6))
     values[:, 0], values[:, 1], values[:, 2], values[:, 4] = 2.0, y, -1.0, 1.0
-    information = bound(Returns(values, np.zeros(21, dtype=np.int64)))
+    information = bound(Returns.unlinked(values))
     assert information[0, 0] > 1e4
     assert information[1, 1] == 0.0
     assert information[2, 2] > 0.0

@@ -223,21 +223,21 @@ def test_thinning_spreads_over_the_weight() -> None:
     values = np.zeros((50, 6))
     values[:, 0] = np.arange(50.0)
     values[:, 4] = np.where(np.arange(50) < 10, 1.0, 0.25)
-    few = Returns(values, np.zeros(50, dtype=np.int64)).thinned(20)
+    few = Returns.unlinked(values).thinned(20)
     # Twenty parts of one weight each: half of them are the ten heavy ones.
     assert few.values[:, 0].tolist() == [*range(10), *range(11, 50, 4)]
     values[:, 4] = 0.5
-    assert len(Returns(values, np.zeros(50, dtype=np.int64)).thinned(500)) == 50
+    assert len(Returns.unlinked(values).thinned(500)) == 50
     values[:, 4] = 0.0
-    assert len(Returns(values, np.zeros(50, dtype=np.int64)).thinned(20)) == 0
-    assert len(Returns(values[:0], np.zeros(0, dtype=np.int64)).thinned(20)) == 0
+    assert len(Returns.unlinked(values).thinned(20)) == 0
+    assert len(Returns.unlinked(values[:0]).thinned(20)) == 0
 
 
 def test_nothing_to_find_is_none(room: Any) -> None:
     empty = Pyramid.of(Blocks.of(CorrelationField.around(5.0)), 1.0)
     returns = returns_of(room.scan(HERE, LIDAR)).thinned(80)
     assert search(empty, returns, Window(IDENTITY, 1.0, 1.0), 0.3) is None
-    nothing = Returns(np.empty((0, 6)), np.empty(0, dtype=np.int64))
+    nothing = Returns.unlinked(np.empty((0, 6)))
     assert search(empty, nothing, Window(IDENTITY, 1.0, 1.0), 0.3) is None
 
 
@@ -256,7 +256,7 @@ def test_the_two_sides_of_a_wall_do_not_draw_a_match() -> None:
 
     def surfaces(*walls: Any) -> Returns:
         values = np.concatenate(walls)
-        return Returns(values, np.zeros(len(values), dtype=np.int64))
+        return Returns.unlinked(values)
 
     field, here = CorrelationField.around(8.0), Pose2(0.0, -2.0, 0.0)
     partition = wall((-3.0, 2.0), (3.0, 2.0), (0.0, -1.0))  # as seen from here

@@ -30,7 +30,7 @@ def test_a_cleared_field_is_as_a_new_one() -> None:
     field = CorrelationField.around(6.0)
     values = np.zeros((80, 6))
     values[:, :2], values[:, 4:] = chance.uniform(-7.0, 7.0, (80, 2)), (1.0, 0.02)
-    field.draw(Pose2(0.3, -0.2, 0.7), Returns(values, np.zeros(80, dtype=np.int64)))
+    field.draw(Pose2(0.3, -0.2, 0.7), Returns.unlinked(values))
     assert field.nodes.any() and field.free.any()
     field.clear()
     assert not field.nodes.any() and not field.free.any()

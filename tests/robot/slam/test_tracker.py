@@ -71,7 +71,7 @@ def test_few_returns_leave_the_robot_to_its_wheels() -> None:
     tracker, submap = following(10.0)
     before = tracker.pose
     tracker.predict(turned(10.0, 0.02))
-    nothing = Returns(np.empty((0, 6)), np.empty(0, dtype=np.int64))
+    nothing = Returns.unlinked(np.empty((0, 6)))
     assert tracker.correct(submap, nothing).reason == "few returns"
     assert math.degrees(tracker.pose.theta - before.theta) == pytest.approx(10.0)
     assert tracker.covariance[2, 2] > 0.02**2
