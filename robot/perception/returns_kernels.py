@@ -18,6 +18,8 @@ LINE_SIGMAS = 4.0
 # distance, and so many σ, there is no wall to draw.
 STEP_SHARE = 0.1
 STEP_SIGMAS = 2.0
+# Where no surface lies between neighbours, and one is so many σ farther out, lies a shadow.
+SHADOW_SIGMAS = 3.0
 
 
 @kernel
@@ -51,11 +53,14 @@ def describe_returns(
     and its σ is the one across the surface: range noise along a grazing ray does not count there.
     `links[i]` is 1 when return i and the next lie on one surface. Ragged walls are not smoothed and
     no segment bridges their steps: both would look otherwise from each side, and robots that pass
-    would think that they got farther than they did.
+    would think that they got farther than they did. So they would by returns at the edge of a
+    shadow, which moves with the robot: these are to be drawn, but weigh nothing. Where nobody knows
+    the noise all weigh the same.
     """
     n = ranges.shape[0]
     count = 0
     beam = np.empty(n, dtype=np.int64)
+    nearest = np.empty(n)  # that it may be, as far as noise can tell
     for i in range(n):
         r = ranges[i]
         if math.isfinite(r) and r <= max_range:
@@ -64,6 +69,7 @@ def describe_returns(
             sigma_r = noise[0] + noise[1] * r
             variance = sigma_r * sigma_r + noise[2] * r + (r * noise[3]) ** 2
             out[count, 5] = math.sqrt(variance)
+            nearest[count] = r - SHADOW_SIGMAS * out[count, 5]
             beam[count] = i
             count += 1
     for k in range(count):
@@ -126,6 +132,12 @@ def describe_returns(
         following = _wrapped(k + 1, count)
         if links[k] == 1 and not _is_bridged(out, raw, k, following):
             links[k] = 0
+        is_beside = (following > k or wraps) and _wrapped(beam[following] - beam[k], n) <= 2
+        if links[k] == 0 and is_beside and out[k, 5] > 0.0:
+            if nearest[k] > ranges[beam[following]]:
+                out[k, 4] = 0.0
+            elif nearest[following] > ranges[beam[k]]:
+                out[following, 4] = 0.0
     return count
 
 

@@ -36,13 +36,27 @@ def test_a_ragged_wall_is_neither_bridged_nor_smoothed() -> None:
     along = WALL_M / np.tan(ANGLES)
     back = np.floor(along / WIDTH_M) % 2.0 == 1.0
     depth = WALL_M + STEP_M * back
-    over_steps, between, off = [], [], []
+    beside = np.pad(back, 1, mode="edge")
+    edge = back & ~(beside[:-2] & beside[2:])  # of what the part in front hides
+    over_steps, between, off, shadows, others = [], [], [], [], []
     for seed in range(40):
         returns, _ = returns_of(depth / np.sin(ANGLES), seed)
         steps = back[1:] != back[:-1]
         over_steps.append(returns.links[:-1][steps].mean())
         between.append(returns.links[:-1][~steps].mean())
         off.append(np.median(returns.values[:, 1] - depth))
+        weights = returns.values[:, 4]
+        shadows.append((weights[edge] == 0.0).mean())
+        others.append((weights[~edge] == 0.0).mean())
     assert np.mean(over_steps) < 0.1
     assert np.mean(between) > 0.7
     assert abs(np.mean(off)) < 0.003
+    assert np.mean(shadows) > 0.9  # where they lie moves with the robot
+    assert np.mean(others) < 0.03
+
+
+def test_where_nobody_knows_the_noise_all_returns_weigh_something() -> None:
+    depth = WALL_M + STEP_M * (np.floor(WALL_M / np.tan(ANGLES) / WIDTH_M) % 2.0 == 1.0)
+    scan = LaserScan(depth / np.sin(ANGLES), ANGLES, LIDAR.max_range_m)
+    unknown = noise_model(LidarConfig(noise="none"))
+    assert describe_returns(scan, unknown, LIDAR.max_range_m).values[:, 4].min() > 0.5
