@@ -14,7 +14,7 @@ from robot.team.log_map import Overlap
 # two equal halves share all by the wrong alignment, and the middle by the right one.
 RIVAL_WORTH = 0.6
 RIVAL_CROSSING, RIVAL_FACTOR, MAX_RIVAL_CROSSING = 0.01, 2.5, 0.08
-RIVAL_HITS, RIVAL_WALLS = 0.90, 0.5
+RIVAL_HITS, RIVAL_WALLS = 0.88, 0.5
 # Shares hide a room: two alignments of repeating rooms agree on all but the one at the end, and
 # what both explain speaks for neither. What counts is the wall that must be gone by one and not by
 # the other, however much else there is: by the right ones of 45 pairs in rows of rooms 1 m at most.
