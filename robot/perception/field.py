@@ -182,8 +182,8 @@ class CorrelationField:
 
     def _sides(self, pose: Pose2, returns: Returns) -> tuple[BoolArray, BoolArray]:
         """Which of the returns have a normal and lie on walls, and which of these are behind."""
-        points = pose.apply(returns.points.copy())
-        normals = Pose2(0.0, 0.0, pose.theta).apply(returns.values[:, 2:4].copy())
+        placed = returns.moved(pose)
+        points, normals = placed.points, placed.values[:, 2:4]
         walls: BoolArray = (np.abs(normals).sum(axis=1) > 0.0) & self.is_wall(points)
         behind = walls.copy()
         behind[walls] = ~self.passed(points[walls] + FRONT_M * normals[walls])

@@ -16,7 +16,7 @@ from robot.perception.returns import Returns, describe_returns
 from robot.perception.scan import LaserScan
 from robot.team.joint import keyframe_poses
 from robot.team.log_graph import LogGraph
-from robot.team.place import USABLE_RANGE_M, spread, together
+from robot.team.place import USABLE_RANGE_M, draw, spread, together
 
 # Keyframes nearer than this to the last one used show little that is new.
 APART_M = 0.8
@@ -86,8 +86,7 @@ def draw_log(log: LogGraph, scans: LogScans, anchors: FloatArray) -> LogMap:
     low, high = poses[:, :2].min(axis=0), poses[:, :2].max(axis=0)
     field = CorrelationField.around(0.5 * float((high - low).max()) + REACH_M)
     field.origin = field.origin + 0.5 * (low + high)
-    for pose, scan in zip(poses, scans.scans, strict=True):
-        field.draw(Pose2.from_array(pose), scan)
+    draw(field, poses, scans.scans)
     walls = spread(together(poses, scans.scans), WALL_SPACING_M)
     solid = walls.points[~field.passed(walls.points)]
     return LogMap(poses, scans.scans, field, walls, solid)

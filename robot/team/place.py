@@ -144,9 +144,9 @@ def make_place(log: LogGraph, stretch: Stretch, noise: FloatArray) -> Place:
     )
     surroundings = CorrelationField.around(float(np.abs(poses[:, :2]).max()) + REACH_M)
     before = stretch.first - begin
-    _draw(surroundings, poses[before:], scans[before:])
+    draw(surroundings, poses[before:], scans[before:])
     field = surroundings.cropped()
-    _draw(surroundings, poses[:before], scans[:before])
+    draw(surroundings, poses[:before], scans[:before])
     poses, scans = poses[before:], scans[before:]
     extent = float(np.abs(poses[:, :2]).max()) + REACH_M
     surfaces = spread(_within(together(poses, scans), extent), MATCH_SPACING_M)
@@ -165,7 +165,8 @@ def make_place(log: LogGraph, stretch: Stretch, noise: FloatArray) -> Place:
     )
 
 
-def _draw(field: CorrelationField, poses: FloatArray, scans: tuple[Returns, ...]) -> None:
+def draw(field: CorrelationField, poses: FloatArray, scans: tuple[Returns, ...]) -> None:
+    """Draw scans at poses (k×3) into a field."""
     for pose, scan in zip(poses, scans, strict=True):
         field.draw(Pose2.from_array(pose), scan)
 
