@@ -19,7 +19,7 @@ from protocol.errors import EarshotError, MalformedMessageError
 
 HEADER = struct.Struct("<II")
 MAX_RECORD_BYTES = 1 << 18
-FORMAT = "earshot-journal 2"
+FORMAT = "earshot-journal 3"
 
 
 class JournalFileError(EarshotError):

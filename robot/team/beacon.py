@@ -2,15 +2,19 @@
 
 A beacon is a msgpack list:
 
-    [incarnation, anchor, pose and sigma, goal or None, finished, hears, vector, sees]
+    [incarnation, anchor, pose and sigma, goal or None, finished, hears, counts, lives, sees]
 
 `pose` is relative to the sender's own anchor `anchor`, as is the goal, so that it means something
 to everyone who holds that anchor, whatever frame they map in; `robot.team.packing` says how they
-are packed. `hears` names the robots that the sender heard lately; `vector` is its version vector,
-[[robot, incarnation, count], …]. With `hears`, others know which entries they need not relay.
-`sees` is whom the sender sees at that tick, [[robot, range and bearing (2 float32)], …].
+are packed. Robots are told by their place in the roster, the names of the team in their order.
+`hears` is whom the sender heard lately, a bit for each of the roster. The version vector is what
+is held of the first life of each of the roster (`counts`; none beyond its end), and of all
+other logs (`lives`, [[robot, incarnation, count], …]). With both, others know which entries they
+need not relay. `sees` is whom the sender sees at that tick: of each its place in the roster (a
+byte), range and bearing.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,16 +26,22 @@ from protocol.messages import Sighting
 from protocol.pose import FloatArray, Pose2
 from robot.team.journal import MAX_SEQUENCE, LogName
 from robot.team.packing import (
+    DIRECTION_BYTES,
     POSE_BYTES,
+    pack_direction,
     pack_pose,
     pack_sigma,
     split,
+    unpack_direction,
     unpack_pose,
     unpack_sigma,
 )
 
 BEACON = "beacon"
 MAX_TEAM = 256
+
+Roster = tuple[str, ...]
+"""All robots of the team, sorted: the same for each of them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,30 +59,40 @@ class Beacon:
     sightings: tuple[Sighting, ...] = ()
 
 
-def encode_beacon(beacon: Beacon) -> bytes:
+def encode_beacon(beacon: Beacon, roster: Roster) -> bytes:
     goal = beacon.T_anchor_goal
+    counts = [beacon.vector.get(LogName(robot, 0), 0) for robot in roster]
+    while counts and not counts[-1]:
+        counts.pop()
+    lives = [
+        [*log, count]
+        for log, count in beacon.vector.items()
+        if log.incarnation or log.robot not in roster
+    ]
     fields = [
         beacon.incarnation,
         beacon.anchor,
         pack_pose(beacon.T_anchor_base) + pack_sigma(beacon.sigma),
         None if goal is None else pack_pose(goal),
         beacon.finished,
-        list(beacon.hears),
-        [[log.robot, log.incarnation, count] for log, count in beacon.vector.items()],
-        [
-            [seen.robot, np.array([seen.range_m, seen.bearing_rad], dtype="<f4").tobytes()]
+        np.packbits([robot in beacon.hears for robot in roster]).tobytes(),
+        counts,
+        lives,
+        b"".join(
+            bytes([roster.index(seen.robot)]) + pack_direction(seen.range_m, seen.bearing_rad)
             for seen in beacon.sightings
-        ],
+            if seen.robot in roster
+        ),
     ]
     packed: bytes = msgpack.packb(fields, use_bin_type=True)
     return packed
 
 
-def decode_beacon(data: bytes) -> Beacon:
+def decode_beacon(data: bytes, roster: Roster) -> Beacon:
     """Raises MalformedMessageError on anything that `encode_beacon` does not write."""
     try:
         fields = msgpack.unpackb(data, raw=False, max_map_len=0, max_ext_len=0)
-        incarnation, anchor, where, goal, finished, hears, vector, sees = fields
+        incarnation, anchor, where, goal, finished, hears, counts, lives, sees = fields
         pose, sigma = split(where, POSE_BYTES)
         return Beacon(
             _number(incarnation),
@@ -81,27 +101,40 @@ def decode_beacon(data: bytes) -> Beacon:
             unpack_sigma(sigma),
             None if goal is None else unpack_pose(goal),
             bool(finished),
-            tuple(_name(robot) for robot in _list(hears)),
-            {
-                LogName(_name(robot), _number(life)): _number(count)
-                for robot, life, count in _list(vector)
-            },
-            tuple(_sighting(robot, where) for robot, where in _list(sees)),
+            _heard(hears, roster),
+            _vector(_list(counts), _list(lives), roster),
+            tuple(_sightings(sees, roster)),
         )
     except Exception as error:  # a stranger's bytes fail in many ways that mean the same here
         raise MalformedMessageError("beacon", str(error)[:100]) from error
 
 
-def _sighting(robot: Any, where: Any) -> Sighting:
-    range_m, bearing = _floats(where, 2).tolist()
-    return Sighting(robot=_name(robot), range_m=range_m, bearing_rad=bearing)
+def _heard(data: bytes, roster: Roster) -> tuple[str, ...]:
+    bits = np.unpackbits(np.frombuffer(data, dtype=np.uint8))
+    if len(bits) != 8 * -(-len(roster) // 8):
+        raise ValueError("expected a bit for each robot")
+    return tuple(robot for robot, heard in zip(roster, bits, strict=False) if heard)
 
 
-def _floats(data: Any, count: int) -> FloatArray:
-    values = np.frombuffer(data, dtype="<f4").astype(np.float64)
-    if values.shape != (count,) or not np.isfinite(values).all() or np.abs(values).max() > 1e6:
-        raise ValueError(f"expected {count} finite numbers")
-    return values
+def _vector(counts: list[Any], lives: list[Any], roster: Roster) -> dict[LogName, int]:
+    if len(counts) > len(roster):
+        raise ValueError("more counts than robots")
+    first = {
+        LogName(robot, 0): _number(count)
+        for robot, count in zip(roster, counts, strict=False)
+        if count
+    }
+    others = {LogName(_name(robot), _number(life)): _number(count) for robot, life, count in lives}
+    return first | others
+
+
+def _sightings(data: bytes, roster: Roster) -> Iterator[Sighting]:
+    size = 1 + DIRECTION_BYTES
+    if len(data) % size:
+        raise ValueError("expected whole sightings")
+    for at in range(0, len(data), size):
+        range_m, bearing = unpack_direction(data[at + 1 : at + size])
+        yield Sighting(robot=roster[data[at]], range_m=range_m, bearing_rad=bearing)
 
 
 def _number(value: Any) -> int:

@@ -182,14 +182,13 @@ def _decode_link(rest: list[Any], _: int, __: "LogContext | None") -> Link:
         raise ValueError("the robot's name is missing")
     log = LogName(robot, checked_count(incarnation))
     pose, information, evidence = split(measured, POSE_BYTES, MATRIX_BYTES)
-    kind, *shares = sized(evidence, EVIDENCE_BYTES)
     return Link(
         checked_count(of),
         log,
         checked_count(to),
         unpack_pose(pose),
         unpack_matrix(information),
-        Evidence(Kind(kind), *(share / 255.0 for share in shares)),
+        _evidence(evidence),
     )
 
 
@@ -203,6 +202,15 @@ _DECODERS: dict[int, Callable[[list[Any], int, "LogContext | None"], Known]] = {
 }
 
 
+def _evidence(data: bytes) -> Evidence:
+    if not data:
+        return ASSUMED
+    kind, *shares = sized(data, EVIDENCE_BYTES)
+    return Evidence(Kind(kind), *(share / 255.0 for share in shares))
+
+
 def _shares(evidence: Evidence) -> bytes:
+    if evidence == ASSUMED:
+        return b""
     shares = (evidence.overlap, evidence.hits, evidence.crossing, evidence.ambiguity)
     return bytes([evidence.kind, *(round(255.0 * min(max(s, 0.0), 1.0)) for s in shares)])

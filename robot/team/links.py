@@ -5,7 +5,6 @@ be in a submap of ours, to within what both have drifted. The scan is matched th
 like a loop closure of our own; what passes ties the two logs together in the joint solution.
 """
 
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -31,7 +30,9 @@ EVERY_TICKS = 2
 LANDING_TICKS = 3
 NEAR_M = 4.0  # between a teammate's keyframe and the way that a submap was driven
 TRIES = 2  # keyframes of one anchor that are tried in one submap
-ENOUGH = 1  # links of a submap to one log, once the building is explored
+# Links of a submap to one log: what more of them would add is not worth their bytes; once the
+# building is explored still less is.
+ENOUGH, ENOUGH_EXPLORED = 3, 1
 # A match farther than this from where both maps put it is of another place.
 MAX_SHIFT_M, MAX_TURN_RAD = 0.5, 0.1
 
@@ -71,12 +72,12 @@ class LinkFinder:
     ) -> list[Link]:
         """The links that landed at this tick; starts the next trial when none is under way.
 
-        In a building that is `explored`, submaps that have enough links are left alone."""
+        Submaps that have enough links are left alone, sooner in a building that is `explored`."""
         found = [link for links in jobs.landed(JOB, tick) for link in links]
         for link in found:
             self._found[link.log, link.of] = self._found.get((link.log, link.of), 0) + 1
         if tick % EVERY_TICKS == 0 and self._own in solution and not jobs.pending(JOB):
-            enough = ENOUGH if explored else math.inf
+            enough = ENOUGH_EXPLORED if explored else ENOUGH
             trials = self._next_trials(graph, solution, submaps, enough)
             if trials:
                 jobs.start(JOB, tick, LANDING_TICKS, find_links, trials, self._noise, self._config)
@@ -87,7 +88,7 @@ class LinkFinder:
         graph: JointGraph,
         solution: Solution,
         submaps: tuple[PackedSubmap, ...],
-        enough: float,
+        enough: int,
     ) -> tuple[Trial, ...]:
         """The first pair that is near and not examined yet, as up to `TRIES` trials."""
         ours = graph.log(self._own)

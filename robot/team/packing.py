@@ -1,11 +1,11 @@
 """Poses and how well they are known, in few bytes.
 
 x and y of a pose are 24 bits each in steps of 0.25 mm, θ is 16 bits of a turn: little beside the
-noise of a range finder. Sigma, what the coordinates err by, is 3 levels: a byte each, 0 for none,
-else one of 255 values 7 % apart. A symmetric 3×3 matrix is its Cholesky factor, so that whatever
-the bytes, what is read has no negative eigenvalue: its diagonal as 3 levels, then what stands below
-as float16 shares of the diagonal above it (row by row), for directions must be right where sizes
-need not. All little-endian.
+noise of a range finder; range and bearing of what is seen likewise. Sigma, what the coordinates err
+by, is 3 levels: a byte each, 0 for none, else one of 255 values 7 % apart. A symmetric 3×3 matrix
+is its Cholesky factor, so that whatever the bytes, what is read has no negative eigenvalue: its
+diagonal as 3 levels, then what stands below as float16 shares of the diagonal above it (row by
+row), for directions must be right where sizes need not. All little-endian.
 """
 
 import math
@@ -18,15 +18,14 @@ from protocol.pose import FloatArray, Pose2, wrap_angle
 BELOW = np.tril_indices(3, -1)
 MAX_FLOAT16 = float(np.finfo(np.float16).max)
 STEP_M, STEP_RAD = 0.00025, 2.0 * math.pi / (1 << 16)
-POSE_BYTES, SIGMA_BYTES, MATRIX_BYTES = 8, 3, 9
+POSE_BYTES, DIRECTION_BYTES, SIGMA_BYTES, MATRIX_BYTES = 8, 5, 3, 9
 LEVELS_AN_OCTAVE = 10
 LEAST_SIGMA, LEAST_ROOT = 1e-5, 1e-2
 
 
 def pack_pose(pose: Pose2) -> bytes:
     """A pose up to 2 km away; what is farther comes out as far as that."""
-    x, y, turn = pose.x / STEP_M, pose.y / STEP_M, wrap_angle(pose.theta) / STEP_RAD
-    return _whole(x, 3) + _whole(y, 3) + _whole(turn, 2)
+    return _whole(pose.x / STEP_M, 3) + _whole(pose.y / STEP_M, 3) + _turn(pose.theta)
 
 
 def unpack_pose(data: bytes) -> Pose2:
@@ -34,6 +33,18 @@ def unpack_pose(data: bytes) -> Pose2:
     sized(data, POSE_BYTES)
     x, y, turn = (int.from_bytes(part, "little", signed=True) for part in split(data, 3, 3))
     return Pose2(x * STEP_M, y * STEP_M, turn * STEP_RAD)
+
+
+def pack_direction(range_m: float, bearing_rad: float) -> bytes:
+    """Where something is seen, up to 2 km away."""
+    return _whole(range_m / STEP_M, 3) + _turn(bearing_rad)
+
+
+def unpack_direction(data: bytes) -> tuple[float, float]:
+    """Range and bearing."""
+    sized(data, DIRECTION_BYTES)
+    range_m, turn = (int.from_bytes(part, "little", signed=True) for part in split(data, 3))
+    return range_m * STEP_M, turn * STEP_RAD
 
 
 def pack_sigma(sigma: FloatArray) -> bytes:
@@ -89,6 +100,10 @@ def _whole(value: float, size: int) -> bytes:
     """The nearest number that so many bytes hold."""
     limit = 1 << (8 * size - 1)
     return min(max(round(value), -limit), limit - 1).to_bytes(size, "little", signed=True)
+
+
+def _turn(angle_rad: float) -> bytes:
+    return _whole(wrap_angle(angle_rad) / STEP_RAD, 2)
 
 
 def _levels(values: FloatArray, least: float) -> bytes:

@@ -69,8 +69,8 @@ def _bodies(payload: bytes) -> Iterator[tuple[str, int]]:
 
 def _talk(payload: bytes) -> Iterator[tuple[str, int]]:
     try:
-        hears, vector = msgpack.unpackb(payload, raw=False)[6:8]
+        hears, counts, lives = msgpack.unpackb(payload, raw=False)[5:8]
     except Exception:  # msgpack raises many types, all of which mean the same here
         yield OTHER, len(payload)
         return
-    yield VECTORS, len(msgpack.packb(hears)) + len(msgpack.packb(vector))
+    yield VECTORS, sum(len(msgpack.packb(field)) for field in (hears, counts, lives))

@@ -10,7 +10,7 @@ from protocol.errors import MalformedMessageError
 from protocol.messages import HeardFrame, RadioFrame, Sighting
 from protocol.pose import FloatArray, Pose2
 from robot.jobs import Jobs
-from robot.slam.engine import Entry
+from robot.slam.engine import Closure, Entry
 from robot.team.beacon import BEACON, Beacon, decode_beacon, encode_beacon
 from robot.team.entries import Hello, Link, decode_entry, encode_entry
 from robot.team.gossip import Gossip
@@ -55,7 +55,7 @@ class Team:
 
     def __init__(self, config: RobotConfig, incarnation: int, jobs: Jobs) -> None:
         self.own_log = LogName(config.name, incarnation)
-        self._members = config.team
+        self._roster = tuple(sorted(config.team))
         self._jobs = jobs
         self.journal = Journal()
         self.gossip = Gossip(config.name, self.journal, config.radio.bytes_per_tick)
@@ -67,6 +67,8 @@ class Team:
         self.malformed: dict[str, int] = {}
         self._decoded: dict[LogName, int] = {}
         self._contexts: dict[LogName, LogContext] = {}
+        self._closed: set[tuple[int, int]] = set()
+        """Pairs of own anchors of which the journal has a closure."""
         self._records: list[bytes] = []
         self._beaconed = -MEETING_TICKS
         self._hasty = 0  # beacons since a stranger came in sight
@@ -78,8 +80,14 @@ class Team:
         self._remember(EntryName(self.own_log, 0), encode_entry(hello))
 
     def write(self, entries: Sequence[Entry | Link]) -> None:
-        """Append what this robot found to its own log."""
+        """Append what this robot found to its own log; of closures between the same two anchors
+        the first, since with the others the team's map is no better, and takes twice the bytes."""
         for entry in entries:
+            if isinstance(entry, Closure):
+                pair = entry.of, entry.to
+                if pair in self._closed:
+                    continue
+                self._closed.add(pair)
             name = EntryName(self.own_log, self.journal.prefix(self.own_log))
             self._remember(name, encode_entry(entry, self._contexts[self.own_log]))
 
@@ -112,10 +120,10 @@ class Team:
         self.malformed[kind] = self.malformed.get(kind, 0) + 1
 
     def _hear_frame(self, tick: int, frame: HeardFrame) -> None:
-        if frame.sender not in self._members or frame.sender == self.own_log.robot:
+        if frame.sender not in self._roster or frame.sender == self.own_log.robot:
             raise MalformedMessageError("sender", f"{frame.sender} is not of the team")
         if frame.kind == BEACON:
-            beacon = decode_beacon(frame.payload)
+            beacon = decode_beacon(frame.payload, self._roster)
             self.heard[frame.sender] = Heard(frame.sent_tick, beacon)
             self.gossip.hear_vector(tick, frame.sender, beacon.vector, beacon.hears)
             self._meet(frame.sender, frame.sent_tick, beacon)
@@ -173,7 +181,7 @@ class Team:
         hasty = self._is_hasty(tick, live.meeting)
         if hasty or tick % BEACON_EVERY_TICKS == 0:
             self._beaconed = tick
-            payload = encode_beacon(self._beacon(tick, live))
+            payload = encode_beacon(self._beacon(tick, live), self._roster)
             frames.append(RadioFrame(kind=BEACON, payload=payload))
             spent = len(payload) + FRAME_OVERHEAD_BYTES
         return frames + self.gossip.speak(tick, spent, hasty)

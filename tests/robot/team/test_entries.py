@@ -2,12 +2,14 @@
 
 import contextlib
 
+import msgpack
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from protocol.errors import MalformedMessageError
+from protocol.messages import Sighting
 from protocol.pose import Pose2
 from robot.slam.engine import Anchor, Closure, Keyframe
 from robot.team import packing
@@ -17,6 +19,7 @@ from robot.team.journal import EntryName, LogName, decode_record, encode_record
 from robot.team.keyframes import StoredKeyframe
 from robot.team.scan_codec import STEP_M, STEP_SHARE
 
+ROSTER = ("r1", "r2", "r3")
 POSE = Pose2(1.25, -0.5, 0.75)
 MATRIX = np.array([[4.0, 1.0, 0.5], [1.0, 3.0, 0.25], [0.5, 0.25, 2.0]])
 
@@ -24,7 +27,7 @@ MATRIX = np.array([[4.0, 1.0, 0.5], [1.0, 3.0, 0.25], [0.5, 0.25, 2.0]])
 @given(st.binary(max_size=200))
 def test_no_bytes_break_the_decoders(data: bytes) -> None:
     for decode in (
-        decode_beacon,
+        lambda data: decode_beacon(data, ROSTER),
         decode_record,
         lambda body: decode_entry(body, 0),
     ):
@@ -131,13 +134,42 @@ def test_no_matrix_comes_out_with_a_negative_eigenvalue(matrix: np.ndarray) -> N
     assert np.linalg.eigvalsh(back.information).min() >= 0.0
 
 
-def test_beacons_and_records_survive() -> None:
-    beacon = Beacon(
-        2, 5, POSE, np.array([0.5, 0.25, 0.125]), None, True, ("r2",), {LogName("r1", 2): 17}
+@pytest.mark.parametrize(
+    "vector",
+    [
+        {},
+        {LogName("r1", 0): 17},
+        {LogName("r3", 0): 1000},
+        {LogName("r1", 0): 5, LogName("r1", 2): 17, LogName("stranger", 0): 3},
+    ],
+)
+@pytest.mark.parametrize("hears", [(), ("r2",), ROSTER])
+def test_beacons_survive(vector: dict[LogName, int], hears: tuple[str, ...]) -> None:
+    sigma = np.array([0.5, 0.25, 0.125])
+    seen = (
+        Sighting(robot="r3", range_m=11.75, bearing_rad=-3.0),
+        Sighting(robot="r1", range_m=0.5, bearing_rad=0.25),
     )
-    back = decode_beacon(encode_beacon(beacon))
+    beacon = Beacon(2, 5, POSE, sigma, None, True, hears, vector, seen)
+    back = decode_beacon(encode_beacon(beacon, ROSTER), ROSTER)
     assert_packed(back.T_anchor_base, POSE)
     assert (back.incarnation, back.anchor, back.finished) == (2, 5, True)
-    assert (back.hears, back.vector) == (("r2",), {LogName("r1", 2): 17})
+    assert (back.hears, back.vector) == (hears, vector)
+    for one, other in zip(back.sightings, seen, strict=True):
+        assert one.robot == other.robot
+        assert one.range_m == pytest.approx(other.range_m, abs=packing.STEP_M)
+        assert one.bearing_rad == pytest.approx(other.bearing_rad, abs=packing.STEP_RAD)
+
+
+@pytest.mark.parametrize("field, value", [(5, b""), (5, b"\0\0"), (6, [1] * 4), (8, b"123456x")])
+def test_beacons_of_another_team_are_refused(field: int, value: object) -> None:
+    beacon = Beacon(2, 5, POSE, np.zeros(3), None, True, (), {})
+    fields = msgpack.unpackb(encode_beacon(beacon, ROSTER))
+    fields[field] = value
+    with pytest.raises(MalformedMessageError):
+        decode_beacon(msgpack.packb(fields), ROSTER)
+
+
+def test_records_survive() -> None:
     name = EntryName(LogName("r1", 0), 9)
     assert decode_record(encode_record(name, b"body")) == (name, b"body")

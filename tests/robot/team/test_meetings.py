@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from protocol.config import SightingConfig
 from protocol.messages import Sighting
 from protocol.pose import IDENTITY, Pose2
-from robot.team.beacon import Beacon, decode_beacon, encode_beacon
+from robot.team.beacon import Beacon
 from robot.team.evidence import Kind
 from robot.team.journal import LogName
 from robot.team.meetings import EVERY_TICKS, MOST, Meetings, relative_pose
@@ -83,8 +83,3 @@ def test_one_of_two_writes_it_down_and_not_for_ever() -> None:
     # Two at once, of a glimpse too; then now and then.
     assert np.diff(found)[0] == 5
     assert min(np.diff(found)[1:]) >= EVERY_TICKS
-
-
-def test_sightings_survive_a_beacons_encoding() -> None:
-    told = beacon(IDENTITY, (Sighting(robot="r2", range_m=2.5, bearing_rad=-0.25),))
-    assert decode_beacon(encode_beacon(told)).sightings == told.sightings

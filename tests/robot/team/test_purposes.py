@@ -48,7 +48,7 @@ def test_entries_are_told_apart() -> None:
 def test_a_beacon_is_live_state_and_talk() -> None:
     def beacon(vector: dict[LogName, int]) -> RadioFrame:
         told = Beacon(0, 3, POSE, np.full(3, 0.01), None, False, ("r2",), vector)
-        return RadioFrame(kind=BEACON, payload=encode_beacon(told))
+        return RadioFrame(kind=BEACON, payload=encode_beacon(told, ("r1", "r2")))
 
     short, long = usage_of(beacon({})), usage_of(beacon({LogName("r1", 0): 7}))
     assert set(short) == {LIVE, VECTORS}
