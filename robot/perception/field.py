@@ -22,8 +22,6 @@ SIGMA_M = 0.03
 FREE_RESOLUTION_M = 0.1
 # A ray is free up to this distance before its return, where the ridge of the wall begins.
 FREE_MARGIN_M = 0.15
-# What was seen of a wall has free ground so far in front of it.
-FRONT_M = 0.3
 # From this share of what the field is expected to be there, a return is on a wall.
 HIT_LEVEL = 0.15
 # Rays that end nearer than this behind a wall touch it rather than cross it.
@@ -164,30 +162,6 @@ class CorrelationField:
         place; 0 where none does."""
         walls = self.is_wall(points)
         return float(walls.sum() / max(1, (walls | self.passed(points)).sum()))
-
-    def is_behind(self, pose: Pose2, returns: Returns) -> BoolArray:
-        """Which of the returns (n), with normals towards who saw them, lie at `pose`
-        (`T_field_base`) on walls that this field knows from the other side alone.
-
-        The two sides of a wall lie as far apart as it is thick, so what matches is off by that.
-        """
-        return self._sides(pose, returns)[1]
-
-    def faced(self, pose: Pose2, returns: Returns, least: int = 1) -> float:
-        """Of such returns with a normal the share of those on walls that are not behind; 1 if fewer
-        than `least` are on walls, which says nothing."""
-        walls, behind = self._sides(pose, returns)
-        count = int(walls.sum())
-        return 1.0 - float(behind.sum()) / count if count >= least else 1.0
-
-    def _sides(self, pose: Pose2, returns: Returns) -> tuple[BoolArray, BoolArray]:
-        """Which of the returns have a normal and lie on walls, and which of these are behind."""
-        placed = returns.moved(pose)
-        points, normals = placed.points, placed.values[:, 2:4]
-        walls: BoolArray = (np.abs(normals).sum(axis=1) > 0.0) & self.is_wall(points)
-        behind = walls.copy()
-        behind[walls] = ~self.passed(points[walls] + FRONT_M * normals[walls])
-        return walls, behind
 
     def cropped(self) -> "CorrelationField":
         """The same field without the empty margin, in arrays of its own."""

@@ -3,17 +3,21 @@
 from typing import Literal, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from protocol.pose import FloatArray, Pose2
 from robot.perception import matching_kernels
 from robot.perception.field import RESOLUTION_M, SIGMA_M, CorrelationField
 from robot.perception.returns import Returns
+from robot.perception.walls import Walls
 
 MAX_ITERATIONS = 25
 TOLERANCE = 5e-4  # m and rad: a step this short is the last
 MIN_RETURNS = 12
 # Fewer surfaces on walls that were seen from behind draw a match off by nothing to speak of.
 MIN_BEHIND = 0.02
+# How thick walls may be.
+WALLS_M = (0.12, 0.24)
 
 # What a return is worth against the prior, in units of 1 / σ².
 TRUST = 1.0
@@ -88,15 +92,33 @@ def match_returns(
     )
 
 
-def match_facing(field: CorrelationField, returns: Returns, start: Pose2) -> Match:
-    """As `match_returns`, and then again without surfaces on walls that the field knows from the
-    other side alone: these draw a match off by as much as the walls are thick.
+def match_facing(field: CorrelationField, walls: Walls, returns: Returns, start: Pose2) -> Match:
+    """As `match_returns`, without surfaces on walls that were drawn from the other side alone:
+    these draw a match off by as much as the walls are thick. Where there are such, it is climbed
+    from as far before them too, and the pose counts at which most surfaces fit.
 
     Normals are to face who saw the surfaces.
     """
+    best, behind = _climb_facing(field, walls, returns, start)
+    if not behind.any():
+        return best[1]
+    placed = returns.moved(best[1].T_field_base).values[behind, 2:4].mean(axis=0)
+    for thick_m in WALLS_M:
+        x, y = thick_m * placed
+        other, _ = _climb_facing(field, walls, returns, Pose2(x, y, 0.0) @ best[1].T_field_base)
+        best = max(best, other, key=lambda one: one[0])
+    return best[1]
+
+
+def _climb_facing(
+    field: CorrelationField, walls: Walls, returns: Returns, start: Pose2
+) -> tuple[tuple[float, Match], npt.NDArray[np.bool_]]:
+    """A match without the surfaces that it puts on walls drawn from the other side, its score as a
+    share of all surfaces before it; and which those are (n; none if they are few)."""
     match = match_returns(field, returns, start)
-    behind = field.is_behind(match.T_field_base, returns)
+    _, behind = walls.sides(match.T_field_base, returns)
     if behind.sum() < MIN_BEHIND * len(returns):
-        return match
+        return (match.score, match), np.zeros(len(returns), dtype=np.bool_)
     facing = Returns.unlinked(returns.values[~behind])
-    return match_returns(field, facing, match.T_field_base)
+    match = match_returns(field, facing, match.T_field_base)
+    return (match.score * len(facing) / len(returns), match), behind

@@ -14,6 +14,7 @@ from robot.perception.field import CorrelationField, Overlay
 from robot.perception.matching import match_facing
 from robot.perception.returns import Returns, describe_returns
 from robot.perception.scan import LaserScan
+from robot.perception.walls import Walls
 from robot.team.joint import keyframe_poses
 from robot.team.log_graph import LogGraph
 from robot.team.place import USABLE_RANGE_M, draw, spread, together
@@ -21,7 +22,7 @@ from robot.team.place import USABLE_RANGE_M, draw, spread, together
 # Keyframes nearer than this to the last one used show little that is new.
 APART_M = 0.8
 REACH_M = 12.0
-WALL_SPACING_M = 0.25
+WALL_SPACING_M, SIDE_SPACING_M = 0.25, 0.08
 # A map that would lie better elsewhere by more than this lies where it is for another reason.
 MAX_SHIFT_M, MAX_TURN_RAD = 0.5, 0.05
 # A wall with another one nearer than this has drifted rather than gone.
@@ -39,12 +40,14 @@ class LogScans:
 @dataclass(frozen=True, slots=True)
 class LogMap:
     """Scans at poses (k×3), what they drew, and the walls, spread evenly, with normals towards the
-    robot, all in one frame; `solid` (n×2): points of walls that the robot never saw through."""
+    robot, and which way they face, all in one frame; `solid` (n×2): points of walls that the robot
+    never saw through."""
 
     poses: FloatArray
     scans: tuple[Returns, ...]
     field: CorrelationField
     walls: Returns
+    sides: Walls
     solid: FloatArray
 
 
@@ -87,9 +90,10 @@ def draw_log(log: LogGraph, scans: LogScans, anchors: FloatArray) -> LogMap:
     field = CorrelationField.around(0.5 * float((high - low).max()) + REACH_M)
     field.origin = field.origin + 0.5 * (low + high)
     draw(field, poses, scans.scans)
-    walls = spread(together(poses, scans.scans), WALL_SPACING_M)
+    surfaces = together(poses, scans.scans)
+    walls = spread(surfaces, WALL_SPACING_M)
     solid = walls.points[~field.passed(walls.points)]
-    return LogMap(poses, scans.scans, field, walls, solid)
+    return LogMap(poses, scans.scans, field, walls, Walls(spread(surfaces, SIDE_SPACING_M)), solid)
 
 
 def _apart(poses: FloatArray) -> list[int]:
@@ -104,7 +108,7 @@ def _apart(poses: FloatArray) -> list[int]:
 def closest(a: LogMap, b: LogMap) -> Pose2:
     """The shift `T_a_b` of a whole map that makes it lie best on another, near to where both are:
     what a hypothesis errs by that rests on one match at one end of them."""
-    shift = match_facing(a.field, b.walls, IDENTITY).T_field_base
+    shift = match_facing(a.field, a.sides, b.walls, IDENTITY).T_field_base
     near = math.hypot(shift.x, shift.y) <= MAX_SHIFT_M and abs(shift.theta) <= MAX_TURN_RAD
     return shift if near else IDENTITY
 
@@ -130,7 +134,7 @@ def _one_way(a: LogMap, b: LogMap, T_a_b: Pose2) -> tuple[Overlay, float, float]
         total += a.field.compare(T_a_b @ Pose2.from_array(pose), scan)
         weight += float(scan.values[:, 4].sum())
     walls = T_a_b.apply(b.walls.points.copy())
-    faced = a.field.faced(T_a_b, b.walls)
+    faced = a.sides.faced(T_a_b, b.walls)
     return Overlay.of(total, weight), WALL_SPACING_M * a.field.on_walls(walls), faced
 
 

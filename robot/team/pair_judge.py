@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from enum import Enum
 
 from protocol.pose import FloatArray, Pose2
-from robot.team.demands import CLEAR, FEW, MANY, MIN_FACED, demands_on
+from robot.team.demands import CLEAR, FEW, MANY, demands_on
 from robot.team.evidence import Kind
 from robot.team.hypothesis import MIN_SIGHTINGS, Hypothesis, LoneLogs, hypotheses
 from robot.team.joint import JointGraph, LinkName
@@ -110,12 +110,15 @@ class PairJudge:
 
     def _outranked(self, found: list[Hypothesis], a: LogName, b: LogName) -> PairView | None:
         """How two logs stand by an alignment that others outrank in worth, if walls refute these:
-        where rooms repeat more of them may match by a wrong one. It needs places enough itself."""
+        where rooms repeat more of them may match by a wrong one. It needs places enough itself, or
+        maps that disagree in nothing."""
         if any(one.sightings for one in found):
             return None
         laid = [self._lay_over(one, a, b) for one in found if one.worth >= FEW.worth]
-        clean = cleanest(laid)
-        if clean is None or not MANY.are_met_by(clean.hypothesis, 0.0):
+        clean = cleanest(
+            [one for one in laid if one.is_clean or MANY.are_met_by(one.hypothesis, 0.0)]
+        )
+        if clean is None:
             return None
         left = [one.hypothesis for one in laid if one is not clean and not one.is_refuted(clean)]
         view = self._view(clean.hypothesis, left, a, b)
@@ -168,13 +171,16 @@ class PairJudge:
         many = demands in (CLEAR, MANY)
         # What few places say is too little to hold anything against the maps.
         unlike = State.CONTRADICTORY if many or sighted else State.TENTATIVE
-        if overlap.crossing > (MAX_SIGHTED_CROSSING if sighted else demands.crossing):
+        crossing, mean = demands.crossing, demands.crossing_mean
+        if sighted:
+            crossing, mean = MAX_SIGHTED_CROSSING, 1.0
+        if overlap.crossing > crossing or overlap.crossing_mean > mean:
             return unlike, f"{overlap.crossing:.1%} of the rays cross walls"
         if sighted:
             return State.ALIGNED, f"{best.sightings} sightings agree"
         if overlap.hits < demands.hits:
             return unlike, f"only {overlap.hits:.0%} of the returns lie on walls"
-        if overlap.faced < MIN_FACED:
+        if overlap.faced < demands.faced:
             return State.TENTATIVE, "walls were seen from different sides"
         if best.ambiguity > demands.ambiguity:
             return State.TENTATIVE, "the places look like others"

@@ -15,6 +15,7 @@ from protocol.pose import IDENTITY, FloatArray, Pose2, compose, invert
 from robot.perception.field import CorrelationField
 from robot.perception.returns import Returns, describe_returns
 from robot.perception.scan import LaserScan
+from robot.perception.walls import Walls
 from robot.team.log_graph import LogGraph
 
 TRAVEL_M = 6.0
@@ -39,7 +40,8 @@ class Place:
 
     `keyframes` (k×3) with their `scans`, `centre` (2,) their mean position, `field` what they saw,
     `surfaces` the same as points, `landmarks` few of them, spread evenly, for a search;
-    `surroundings`: what was seen just before is drawn there too, with what the chain drifted.
+    `surroundings`: what was seen just before is drawn there too, with what the chain drifted;
+    `walls` which way all of it faces.
     `directions` (180,): how much wall faces each direction, by degree, without the sign.
     """
 
@@ -50,6 +52,7 @@ class Place:
     centre: FloatArray
     field: CorrelationField
     surroundings: CorrelationField
+    walls: Walls
     surfaces: Returns
     landmarks: Returns
     directions: FloatArray
@@ -147,6 +150,7 @@ def make_place(log: LogGraph, stretch: Stretch, noise: FloatArray) -> Place:
     draw(surroundings, poses[before:], scans[before:])
     field = surroundings.cropped()
     draw(surroundings, poses[:before], scans[:before])
+    walls = Walls(spread(together(poses, scans), MATCH_SPACING_M))
     poses, scans = poses[before:], scans[before:]
     extent = float(np.abs(poses[:, :2]).max()) + REACH_M
     surfaces = spread(_within(together(poses, scans), extent), MATCH_SPACING_M)
@@ -159,6 +163,7 @@ def make_place(log: LogGraph, stretch: Stretch, noise: FloatArray) -> Place:
         poses[:, :2].mean(axis=0),
         field,
         surroundings.cropped(),
+        walls,
         surfaces,
         landmarks.thinned(SEARCH_POINTS),
         _directions(surfaces),

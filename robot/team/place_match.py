@@ -106,8 +106,8 @@ def match_from(
     drifted = replace(
         _place_match(match, laid, kind, ambiguity, DRIFTED_FLOOR),
         faced=(
-            a.surroundings.faced(T_a_b, b.surfaces, MIN_FACING),
-            b.surroundings.faced(T_a_b.inverse(), a.surfaces, MIN_FACING),
+            a.walls.faced(T_a_b, b.surfaces, MIN_FACING),
+            b.walls.faced(T_a_b.inverse(), a.surfaces, MIN_FACING),
         ),
     )
     if drifted.objection:
@@ -128,7 +128,7 @@ def _climb(
 ) -> tuple[Match, Overlay]:
     """Place b matched on what was drawn of a, and both ways laid over each other; `fold` says which
     of the overlaps counts."""
-    match = match_facing(on, b.surfaces, guess)
+    match = match_facing(on, a.walls, b.surfaces, guess)
     T_a_b = match.T_field_base
     on_a, on_b = _lay_over(on, b, T_a_b), _lay_over(onto, a, T_a_b.inverse())
     laid = Overlay(

@@ -51,6 +51,11 @@ class Laid:
     overlap: Overlap
     T_a_b: Pose2
 
+    @property
+    def is_clean(self) -> bool:
+        """Whether the maps disagree in nothing, by places that are worth something."""
+        return CLEAN.are_met_by(self.hypothesis, 0.0) and CLEAN.suit(self.overlap)
+
     def rivals(self, best: "Laid") -> bool:
         """Whether this leaves it open if the best is right: it comes near in worth, or the maps
         agree to the last bit by this too; and no walls speak against it alone."""

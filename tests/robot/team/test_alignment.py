@@ -296,8 +296,8 @@ def test_a_wall_is_not_known_from_its_other_side(recorded: Recorded) -> None:
     place = make_place(log, stretches(log, whole=True)[0], NOISE)
     surfaces = place.surfaces
     from_behind = Returns(surfaces.values * [1.0, 1.0, -1.0, -1.0, 1.0, 1.0], surfaces.links)
-    assert place.field.faced(IDENTITY, surfaces) > 0.9
-    assert place.field.faced(IDENTITY, from_behind) < 0.3
+    assert place.walls.faced(IDENTITY, surfaces) > 0.9
+    assert place.walls.faced(IDENTITY, from_behind) < 0.3
 
 
 def test_places_do_not_change_when_the_log_grows(recorded: Recorded) -> None:

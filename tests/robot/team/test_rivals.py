@@ -118,15 +118,24 @@ def test_another_alignment_by_which_little_is_shared_but_nothing_is_wrong_leaves
     middle = Laid(Hypothesis((), 0.7, 1, 0, 1.0, {}), overlap(22.0), NEXT_ROOM)
     assert may_be_rival(middle.hypothesis, halves.hypothesis)
     assert middle.rivals(halves)
-    for other in (overlap(15.0), overlap(22.0, hits=0.78), overlap(22.0, gone_m=3.2)):
+    for other in (overlap(12.0), overlap(22.0, hits=0.72), overlap(22.0, gone_m=3.2)):
         assert not replace(middle, overlap=other).rivals(halves)
 
 
 def test_of_maps_that_disagree_in_nothing_little_wall_is_enough() -> None:
     one = Hypothesis((), 0.9, 1, 0, 0.7, {})
-    assert demands_on(one, 0.0, overlap(22.0)) is CLEAN
-    assert demands_on(one, 0.0, overlap(22.0, gone_m=2.0)) is FEW
-    assert demands_on(one, 0.0, overlap(15.0)) is FEW
-    assert not CLEAN.are_met_by(one, rival=0.7)
+    assert demands_on(one, 0.0, overlap(17.0)) is CLEAN
+    assert demands_on(one, 0.0, overlap(17.0, gone_m=2.0)) is FEW
+    assert demands_on(one, 0.0, overlap(12.0)) is FEW
+    assert demands_on(one, 0.0, replace(overlap(17.0), faced=0.5)) is FEW
     assert not CLEAN.are_met_by(replace(one, ambiguity=0.95), rival=0.0)
     assert demands_on(replace(one, places=3, worth=2.0), 0.0, overlap(40.0)) is CLEAR
+
+
+def test_what_one_robot_saw_change_is_suffered_and_what_both_contradict_is_not() -> None:
+    """As two runs in one building with people and glass, and two rings of corridors."""
+    one = Hypothesis((), 1.5, 4, 0, 0.78, {})
+    changed = Overlap(0.98, 0.83, 0.052, 72.0, 0.032, 0.98, 9.0)
+    assert demands_on(one, 0.2, changed) is CLEAR and CLEAR.suit(changed)
+    assert not CLEAR.suit(replace(changed, crossing_mean=0.048))
+    assert not CLEAR.are_met_by(replace(one, ambiguity=0.97), 0.2)
