@@ -3,8 +3,7 @@
     python -m studies.centralised --map office --robots 4 --seeds 0-4 --json centralised.json
 
 Each robot has solved what it heard, as it came. The batch gets every entry that any robot wrote,
-and all closures that it found, also those that it told nobody, and minimises until nothing moves
-any more. Both are held against
+all closures and links among them, and minimises until nothing moves any more. Both are held against
 the truth at all keyframes, under one rigid alignment for the team. They differ by what a robot did
 not hear before the run was over, which is chance in one run: what working apart costs is the mean
 ratio of several, told with its standard error. Runs are inline; those found in `--out` are not
@@ -22,13 +21,10 @@ import numpy as np
 from protocol.pose import FloatArray
 from robot.brain import Brain
 from robot.perception.returns import noise_model
-from robot.rows import Rows
-from robot.slam.graph import UNTIED
 from robot.slam.pose_graph import optimise
 from robot.team.alignment import align
-from robot.team.joint import IntArray, JointGraph, Problem, Solution, by_log, keyframe_poses
-from robot.team.journal import LogName, decode_record
-from robot.team.log_graph import EDGE_COLUMNS, LogGraph
+from robot.team.joint import JointGraph, Problem, Solution, by_log, keyframe_poses
+from robot.team.journal import decode_record
 from robot.team.log_reading import read_in_order
 from station.scenario_file import changed
 from studies.command import one_line_errors, study_parser, write_figures
@@ -39,8 +35,6 @@ from world.simulation import Simulation
 
 # From the last solution on, until its cost no longer falls at all.
 ROUNDS, ITERATIONS = 20, 100
-# A symmetric matrix, row by row, from x, y, θ and I11 I12 I13 I22 I23 I33 as a reply has them.
-FULL = [3, 4, 5, 4, 6, 7, 5, 7, 8]
 
 
 def compare(scenario: Scenario) -> dict[str, Any]:
@@ -54,11 +48,9 @@ def compare(scenario: Scenario) -> dict[str, Any]:
         for brain in brains.values():
             records.update(dict.fromkeys(brain.take_records()))
         senses = simulation.step(actions)
-    told = {name: brain.trajectory_reply() for name, brain in brains.items()}
     graph = union(records)
-    for name, reply in told.items():
-        close_all(graph.log(LogName(name, 0)), reply.edge_nodes, reply.edge_values)
     solution = centralised(graph, noise_model(scenario.lidar))
+    told = {name: brain.trajectory_reply() for name, brain in brains.items()}
     known = {log.robot: (graph.log(log), anchors) for log, anchors in solution.items()}
     ours, batch = [], []
     for k, name in enumerate(simulation.names):
@@ -89,24 +81,6 @@ def union(records: Mapping[bytes, None]) -> JointGraph:
     for name, entry in read_in_order(entries):
         graph.add(name.log, entry)
     return graph
-
-
-def close_all(log: LogGraph | None, edge_nodes: IntArray, edge_values: FloatArray) -> None:
-    """Give a log all closures among the edges of its robot's own graph (as a trajectory reply has
-    them), in place of those that its journal has."""
-    assert log is not None
-    # Where a robot went on in another submap its journal has a step that holds nothing, and what
-    # holds the anchor as a closure.
-    steps = {
-        (int(of), int(to))
-        for of, to in log.steps.values[log.steps.values[:, 5] > 2.0 * UNTIED[0, 0], :2]
-    }
-    log.loops = Rows(EDGE_COLUMNS)
-    for edge, values in zip(edge_nodes.tolist(), edge_values, strict=True):
-        if tuple(edge) in steps:
-            steps.remove(tuple(edge))
-        else:
-            log.loops.append(*edge, *values[:3], *values[FULL])
 
 
 def centralised(graph: JointGraph, noise: FloatArray) -> Solution:

@@ -112,14 +112,12 @@ class Schedule:
     def _finding(self, name: str) -> Entry | Link:
         """Something that a robot may find next: a keyframe, an anchor, a closure, a link."""
         rng = self._rng
-        written = self._written[name]
-        anchors = sum(isinstance(entry, Anchor) for entry in written)
-        closed = any(isinstance(entry, Closure) and entry.to == anchors - 1 for entry in written)
+        anchors = sum(isinstance(entry, Anchor) for entry in self._written[name])
         kind = rng.random()
         error = Pose2.from_array(rng.normal(0.0, [0.01, 0.01, 0.003]))
         if kind < 0.2:
             return Anchor(anchors, STEP @ error, INFORMATION)
-        if kind < 0.35 and anchors > 2 and not closed:
+        if kind < 0.35 and anchors > 2:
             skipped = STEP @ STEP @ error
             return Closure(anchors - 3, anchors - 1, skipped, INFORMATION)
         if kind < 0.5:

@@ -10,7 +10,7 @@ from protocol.errors import MalformedMessageError
 from protocol.messages import HeardFrame, RadioFrame, Sighting
 from protocol.pose import FloatArray, Pose2
 from robot.jobs import Jobs
-from robot.slam.engine import Closure, Entry
+from robot.slam.engine import Entry
 from robot.team.beacon import BEACON, Beacon, decode_beacon, encode_beacon
 from robot.team.entries import Hello, Link, decode_entry, encode_entry
 from robot.team.gossip import Gossip
@@ -67,8 +67,6 @@ class Team:
         self.malformed: dict[str, int] = {}
         self._decoded: dict[LogName, int] = {}
         self._contexts: dict[LogName, LogContext] = {}
-        self._closed: set[tuple[int, int]] = set()
-        """Pairs of own anchors of which the journal has a closure."""
         self._records: list[bytes] = []
         self._beaconed = -MEETING_TICKS
         self._hasty = 0  # beacons since a stranger came in sight
@@ -80,14 +78,8 @@ class Team:
         self._remember(EntryName(self.own_log, 0), encode_entry(hello))
 
     def write(self, entries: Sequence[Entry | Link]) -> None:
-        """Append what this robot found to its own log; of closures between the same two anchors
-        the first, since with the others the team's map is no better, and takes twice the bytes."""
+        """Append what this robot found to its own log."""
         for entry in entries:
-            if isinstance(entry, Closure):
-                pair = entry.of, entry.to
-                if pair in self._closed:
-                    continue
-                self._closed.add(pair)
             name = EntryName(self.own_log, self.journal.prefix(self.own_log))
             self._remember(name, encode_entry(entry, self._contexts[self.own_log]))
 

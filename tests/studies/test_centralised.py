@@ -2,16 +2,9 @@
 
 from pathlib import Path
 
-import numpy as np
 import pytest
 
-from protocol.pose import Pose2
-from robot.slam.engine import Anchor, Closure
-from robot.slam.graph import UNTIED
-from robot.team.entries import Hello
-from robot.team.journal import LogName
-from robot.team.log_graph import LogGraph
-from studies.centralised import close_all, compare, kept, line, summary
+from studies.centralised import compare, kept, line, summary
 from world.scenario import GateConfig, RobotSpec, Scenario
 
 SCENARIO = Scenario(
@@ -43,22 +36,3 @@ def test_the_summary_tells_the_mean_with_its_error() -> None:
     said = summary(rows)
     assert "2 runs: mean ratio 1.0000 ± 0.0200, greatest 1.0200" in said
     assert summary(rows[:1]) == "too few runs for a mean"
-
-
-def test_the_batch_has_every_closure_once() -> None:
-    """Of those of a pair the journal has the first; what holds the anchor after a step into another
-    submap is a closure in the journal, and no more than a step to the robot."""
-    log, apart = LogGraph(), Pose2(1.0, 0.0, 0.0)
-    name = LogName("r1", 0)
-    log.add(name, Hello(None, 5, -1.0, 0.5, 12.0, 0.2))
-    for index, information in enumerate((np.eye(3), np.eye(3), np.eye(3), UNTIED)):
-        log.add(name, Anchor(index, apart, information))
-    log.add(name, Closure(0, 3, apart, np.eye(3)))
-    log.add(name, Closure(0, 2, apart, np.eye(3)))
-    edges = np.array([(0, 1), (1, 2), (0, 3), (0, 2), (0, 2), (1, 2)], dtype=np.int32)
-    values = [[1.0, 0.0, 0.0, 4.0, 1.0, 0.5, 3.0, 0.25, float(n)] for n in range(len(edges))]
-    close_all(log, edges, np.array(values))
-    assert [tuple(row[:2]) for row in log.loops.values] == [(0, 3), (0, 2), (0, 2), (1, 2)]
-    assert [row[-1] for row in log.loops.values] == [2.0, 3.0, 4.0, 5.0]
-    full = log.loops.values[0, 5:].reshape(3, 3)
-    np.testing.assert_array_equal(full, [[4.0, 1.0, 0.5], [1.0, 3.0, 0.25], [0.5, 0.25, 2.0]])

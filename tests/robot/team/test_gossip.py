@@ -203,16 +203,6 @@ def test_a_long_entry_travels_in_parts() -> None:
     assert len(log.keyframes) == 2
 
 
-def test_of_closures_between_the_same_anchors_the_first_is_written() -> None:
-    team = make_team("r1")
-    team.write(knowledge("r1", 40))
-    before = len(team.journal)
-    closure = Closure(0, 3, Pose2(2.9, 0.8, 0.35), np.eye(3) * 1e3)
-    team.write([closure, Closure(1, 3, Pose2(1.9, 0.4, 0.2), np.eye(3) * 1e3)])
-    team.write([closure])
-    assert len(team.journal) == before + 2
-
-
 def test_joint_solutions_are_equal_to_the_last_bit() -> None:
     teams = {name: make_team(name) for name in ("r1", "r2", "r3")}
     for name, team in teams.items():
