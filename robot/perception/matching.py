@@ -3,11 +3,10 @@
 from typing import Literal, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from protocol.pose import FloatArray, Pose2
 from robot.perception import matching_kernels
-from robot.perception.field import RESOLUTION_M, SIGMA_M, CorrelationField
+from robot.perception.field import RESOLUTION_M, SIGMA_M, BoolArray, CorrelationField
 from robot.perception.returns import Returns
 from robot.perception.walls import Walls
 
@@ -99,26 +98,28 @@ def match_facing(field: CorrelationField, walls: Walls, returns: Returns, start:
 
     Normals are to face who saw the surfaces.
     """
-    best, behind = _climb_facing(field, walls, returns, start)
+    share, best, behind = _climb_facing(field, walls, returns, start)
     if not behind.any():
-        return best[1]
-    placed = returns.moved(best[1].T_field_base).values[behind, 2:4].mean(axis=0)
+        return best
+    towards = returns.moved(best.T_field_base).values[behind, 2:4].mean(axis=0)
     for thick_m in WALLS_M:
-        x, y = thick_m * placed
-        other, _ = _climb_facing(field, walls, returns, Pose2(x, y, 0.0) @ best[1].T_field_base)
-        best = max(best, other, key=lambda one: one[0])
-    return best[1]
+        x, y = thick_m * towards
+        shifted = Pose2(x, y, 0.0) @ best.T_field_base
+        other_share, other, _ = _climb_facing(field, walls, returns, shifted)
+        if other_share > share:
+            share, best = other_share, other
+    return best
 
 
 def _climb_facing(
     field: CorrelationField, walls: Walls, returns: Returns, start: Pose2
-) -> tuple[tuple[float, Match], npt.NDArray[np.bool_]]:
-    """A match without the surfaces that it puts on walls drawn from the other side, its score as a
-    share of all surfaces before it; and which those are (n; none if they are few)."""
+) -> tuple[float, Match, BoolArray]:
+    """A match without the surfaces that it puts on walls drawn from the other side; before it its
+    score as a share of all surfaces, after it which those are (n; none if they are few)."""
     match = match_returns(field, returns, start)
     _, behind = walls.sides(match.T_field_base, returns)
     if behind.sum() < MIN_BEHIND * len(returns):
-        return (match.score, match), np.zeros(len(returns), dtype=np.bool_)
+        return match.score, match, np.zeros_like(behind)
     facing = Returns.unlinked(returns.values[~behind])
     match = match_returns(field, facing, match.T_field_base)
-    return (match.score * len(facing) / len(returns), match), behind
+    return match.score * len(facing) / len(returns), match, behind

@@ -1,13 +1,11 @@
 """Which way walls face: a wall matches from both of its sides, off by as much as it is thick."""
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial import cKDTree
 
 from protocol.pose import FloatArray, Pose2
+from robot.perception.field import BoolArray
 from robot.perception.returns import Returns
-
-BoolArray = npt.NDArray[np.bool_]
 
 # Surfaces nearer than this lie on one another. The sides of most walls are farther apart.
 SAME_M = 0.08

@@ -30,8 +30,7 @@ def pack_pose(pose: Pose2) -> bytes:
 
 def unpack_pose(data: bytes) -> Pose2:
     """Raises ValueError on bytes of another length; so do the others."""
-    sized(data, POSE_BYTES)
-    x, y, turn = (int.from_bytes(part, "little", signed=True) for part in split(data, 3, 3))
+    x, y, turn = _wholes(sized(data, POSE_BYTES), 3, 3)
     return Pose2(x * STEP_M, y * STEP_M, turn * STEP_RAD)
 
 
@@ -42,9 +41,8 @@ def pack_direction(range_m: float, bearing_rad: float) -> bytes:
 
 def unpack_direction(data: bytes) -> tuple[float, float]:
     """Range and bearing."""
-    sized(data, DIRECTION_BYTES)
-    range_m, turn = (int.from_bytes(part, "little", signed=True) for part in split(data, 3))
-    return range_m * STEP_M, turn * STEP_RAD
+    steps, turn = _wholes(sized(data, DIRECTION_BYTES), 3)
+    return steps * STEP_M, turn * STEP_RAD
 
 
 def pack_sigma(sigma: FloatArray) -> bytes:
@@ -100,6 +98,11 @@ def _whole(value: float, size: int) -> bytes:
     """The nearest number that so many bytes hold."""
     limit = 1 << (8 * size - 1)
     return min(max(round(value), -limit), limit - 1).to_bytes(size, "little", signed=True)
+
+
+def _wholes(data: bytes, *sizes: int) -> list[int]:
+    """The numbers in parts of some bytes, and in what follows them."""
+    return [int.from_bytes(part, "little", signed=True) for part in split(data, *sizes)]
 
 
 def _turn(angle_rad: float) -> bytes:
