@@ -59,8 +59,9 @@ def demands_on(hypothesis: Hypothesis, rival: float, overlap: Overlap) -> Demand
 # People, glass and drift make one building disagree with itself as much as it does with another:
 # wrong pairs of rings had hits 0.83 to 0.87 and crossing 0.056 to 0.058, two runs in Wean Hall have
 # 0.83 and 0.052. But what a building disagrees in is seen by one of them, and the mean of both ways
-# is 0.032 there; of others both ways are as bad, 0.048 at least in the mean of 22 wrong pairs with
-# places enough. So much is suffered only with that, and where nothing else fits by far.
+# is 0.032 there; of others both ways are as bad, 0.048 at least in the mean by the 31 wrong
+# alignments of three places or more. So much is suffered only with that, and where nothing else
+# fits by far.
 CLEAR = Demands(
     3,
     worth=1.2,
@@ -74,9 +75,9 @@ CLEAR = Demands(
 MANY = Demands(3, worth=1.2, ambiguity=1.0, rival=1.0, walls_m=20.0, hits=0.80, crossing=0.025)
 COUPLE = Demands(2, worth=1.2, ambiguity=0.6, rival=1.0, walls_m=25.0, hits=0.85, crossing=0.015)
 FEW = Demands(1, worth=0.4, ambiguity=0.85, rival=1.0, walls_m=35.0, hits=0.85, crossing=0.015)
-# Maps that share little and disagree in nothing, whatever else their places look like: 436 wrong
-# alignments of worlds that do not repeat had crossing 0.008 or more, but for 5 by which one place
-# alone fits that looks like others, and at most 0.70 of the returns lie on walls, or 12 m are
+# Maps that share little and disagree in nothing, whatever else their places look like: 558 wrong
+# alignments of worlds that do not repeat had crossing 0.008 or more, but for 8 by which one place
+# alone fits that looks like others, and at most 0.74 of the returns lie on walls, or 12 m are
 # shared. By right ones, with 30 to 50 % in common, it was 0.002 in the median.
 CLEAN = Demands(
     1,
